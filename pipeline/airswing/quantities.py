@@ -1,8 +1,8 @@
 """Numbers with a unit, times and conditions on lead times, as configurations write them.
 
 Assumes a number and one unit ("3 h", "0.1 deg", "80 kt"), not an expression; inside they are plain
-floats in SI units and radians. A time of digits alone is year, month, day and on, as model files
-are named by, never seconds since 1970.
+floats in SI units and radians. A time of digits only is year, month, day and so on, as in names of
+model files, not seconds since 1970.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ def registry() -> pint.UnitRegistry[float]:
 def quantity(text: object, unit: str) -> float:
     """Turn a string such as ``"3 h"`` into a float in a given unit.
 
-    A ValueError says that there is no unit, or one of another kind.
+    A ValueError is raised without a unit, or with one of another kind.
     """
-    # A bare number would pass for radians, 57 degrees each.
+    # A number without a unit would be read as radians, of 57 degrees.
     if not isinstance(text, str) or _NUMBER.fullmatch(text):
         bare = "10" if text is None else shortened(str(text).strip(), 80)
         raise ValueError(f"needs a unit, such as '{bare} {_EXAMPLE.get(unit, unit)}'")
@@ -68,7 +68,7 @@ _QUANTITY = re.compile(
     r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d][\w /*^-]*|°)\s*", re.ASCII
 )
 _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*", re.ASCII)
-# Powers of powers, or of three digits: pint would work them out before they could be refused.
+# Powers of powers, or of three digits: pint would compute them before they could be refused.
 _LONGEST_QUANTITY, _TOWER = 60, re.compile(r"(\*\*|\^).*(\*\*|\^)|(\*\*|\^)\s*-?\d{3}")
 # Unit to show where one is missing.
 _EXAMPLE = {"second": "min", "radian": "deg", "meter / second": "kt"}
@@ -84,7 +84,7 @@ _COMPACT = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 
 
 def spelt_out(value: object) -> object:
-    """Give a time of digits alone its separators; what is no number is left as it is."""
+    """Insert separators into a time of digits only; other text is unchanged."""
     digits = str(value).strip()
     # pydantic takes numbers, also in strings, for seconds since 1970: 2009102006 is in 2033.
     if not isinstance(value, int | float) and not _NUMBER.fullmatch(digits):

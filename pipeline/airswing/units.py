@@ -26,5 +26,5 @@ MODEL_EARTH_RADIUS = 6371229.0
 # Not 1.96: quantiles of Student's t are divided by it and tend to one.
 NORMAL_95 = 1.959964
 
-# What picks rows of an array: a slice, a mask or their numbers.
+# Index of rows of an array: a slice, a mask or their numbers.
 Picked: TypeAlias = "slice | NDArray[np.bool_] | NDArray[np.signedinteger]"

@@ -1,3 +1,3 @@
-"""The version, below all that states it: products, pages and the package's face."""
+"""The version, which products, pages and the public package import."""
 
 __version__ = "1.0.0"

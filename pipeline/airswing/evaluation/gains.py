@@ -259,7 +259,8 @@ def virtual_field_test(
     Parameters
     ----------
     headings : Dataset
-        Screened headings; a subset is marked by :func:`only`. learned_until : date
+        Screened headings; a subset is marked by :func:`only`.
+    learned_until : date
         Reports before it give the corrections, reports from it on are used for the comparison.
     pools, reference : mapping of str to list of str, str
         Members of each reference and pool; the one of them that is used.

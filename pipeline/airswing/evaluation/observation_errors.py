@@ -1,8 +1,8 @@
 """The standard error of a wind component of the reports alone: ``observation_errors.nc``.
 
 *Separation*: the common part of neighbouring aircraft's errors is attributed to the reference
-(:mod:`airswing.evaluation.error_separation`). One reference suffices; reports of different aircraft
-must be near each other. An error common to all aircraft, and motion on scales below their distance,
+(:mod:`airswing.evaluation.error_separation`). One reference suffices; different aircraft must
+report near each other. An error common to all aircraft, and motion on scales below their distance,
 cannot be separated.
 
 *Three-cornered hat*: with two references the mean product of a report's two disagreements is the

@@ -5,12 +5,11 @@ columns 1-8 are an identifier, columns 11, 13 and 15 hold ``T``, ``W`` and ``R``
 wind and humidity are rejected, columns 22-29 are a second (MDCRS) identifier. The rest of a line
 and the criteria in the header, such as ``bias_DIR > 7`` (m/s, degrees), are for people.
 
-The ``W`` of an aircraft is removed when every reason of its entry is a criterion of wind with a
-limit in the header and its corrected winds meet all criteria of wind on `FEWEST` reports or more;
-without ``T`` and ``R`` its line is removed. All other lines are unchanged byte for byte. Statistics
-are of report minus reference: speed (``S``), direction (``DIR``, where the reference blows at 5 m/s
-or more) and length of the vector difference (``W``). Identifiers are compared without leading
-zeros.
+An aircraft's ``W`` is removed when every reason of its entry is a criterion of wind with a limit in
+the header and its corrected winds meet all such criteria on `FEWEST` reports or more; without ``T``
+and ``R`` its line is removed. All other lines are unchanged byte for byte. Statistics are of report
+minus reference: speed (``S``), direction (``DIR``, where the reference blows at 5 m/s or more) and
+length of the vector difference (``W``). Identifiers are compared without leading zeros.
 """
 
 from __future__ import annotations

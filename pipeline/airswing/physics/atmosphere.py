@@ -1,10 +1,10 @@
 """ICAO standard atmosphere in two layers; true airspeed from Mach number or calibrated airspeed.
 
-Altitudes are *pressure* altitudes: geopotential metres of the standard atmosphere, what an
-altimeter set to 1013.25 hPa shows. The troposphere (lapse rate 6.5 K/km) reaches to 11 km, the
-isothermal lower stratosphere (216.65 K) lies above; valid from -5 to 20 km. Air is dry, of constant
-heat capacities, and the flow subsonic. The indicated airspeed is taken as the calibrated one:
-position and instrument error become part of the aircraft's airspeed scale. Temperatures are static,
+Altitudes are *pressure* altitudes: geopotential metres of the standard atmosphere, as on an
+altimeter set to 1013.25 hPa. The troposphere (lapse rate 6.5 K/km) reaches to 11 km, the isothermal
+lower stratosphere (216.65 K) lies above; valid from -5 to 20 km. Air is dry, of constant heat
+capacities, and the flow subsonic. The indicated airspeed is taken as the calibrated one: position
+and instrument error become part of the aircraft's airspeed scale. Temperatures are static,
 pressures those of the aircraft's level. NaN in gives NaN out, and so does a temperature or pressure
 that is not positive. SI units.
 
@@ -89,7 +89,7 @@ def airspeed_from_calibrated(
     """True airspeed (m s-1) of a calibrated one, at a static pressure (Pa) and temperature (K).
 
     The impact pressure is that of the calibrated airspeed at sea level's standard pressure and
-    speed of sound; the Mach number that makes it at ``pressure`` follows.
+    speed of sound; the Mach number is that with this impact pressure at ``pressure``.
     """
     level = np.asarray(pressure, dtype=np.float64)
     level = np.where(level > 0.0, level, np.nan)

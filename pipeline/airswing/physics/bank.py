@@ -3,9 +3,9 @@
 A turn lasts about as long as the interval between reports, so the bank of three fixes is
 distributed over neighbouring reports and too small at the turn (factor 1.4 to 1.8 in trials). The
 roll flag says at which reports the aircraft banked by more than five degrees. Reports come at fixed
-intervals whatever the aircraft does, so that the share of flagged reports is the share of time in
-such a bank, and the total turned angle, which chords conserve, gives its mean:
-``mean bank = (turned angle - part turned in a lesser bank) / time flagged``.
+intervals independent of the aircraft's motion, so that the share of flagged reports is the share of
+time in such a bank, and the total turned angle, which chords conserve, gives its mean: ``mean bank
+= (turned angle - part turned in a lesser bank) / time flagged``.
 
 * flagged: that mean, towards the side the track turns;
 * not flagged: the least of the banks at the report and its neighbours where all turn one way (a
@@ -82,7 +82,7 @@ def _unseen(
     interval: Floats,
     flight: Integers,
 ) -> float:
-    """Part of turns near a flight's ends that falls on its first or last report, rad s.
+    """Part of turns near a flight's ends attributed to its first or last report, rad s.
 
     No two chords meet there; it is set to the part of the report on the other side of the turn.
     """
@@ -126,7 +126,7 @@ def _lasting(bank: Floats, flight: Integers) -> Floats:
     three = np.stack([np.where(np.isfinite(v), v, bank) for v in (before, bank, after)])
     least = np.min(np.abs(three), axis=0)
     one_way = np.abs(np.sign(three).sum(axis=0)) == 3
-    # Zero times the bank, not zero: unknown stays NaN.
+    # Zero times the bank, so that an unknown bank remains NaN.
     return np.asarray(np.where(one_way, np.sign(bank) * np.minimum(least, LIMIT), 0.0 * bank))
 
 

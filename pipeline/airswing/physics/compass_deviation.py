@@ -19,7 +19,7 @@ COEFFICIENTS = ("A", "B", "C", "D", "E")
 
 
 def deviation_basis(heading: ArrayLike, gain: ArrayLike = 1.0) -> Array:
-    """Return what the coefficients A to E multiply: 1, g sin m, g cos m, sin 2m, cos 2m; (5, ...).
+    """Return the basis of the coefficients A to E: 1, g sin m, g cos m, sin 2m, cos 2m; (5, ...).
 
     Parameters
     ----------

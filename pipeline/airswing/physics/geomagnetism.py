@@ -10,8 +10,7 @@ components X (north), Y (east), Z (down) are interpolated, never the angles: cub
 Lagrange) in latitude and longitude between nodes 2 degrees apart, linear in height between 0 and
 16 km and linear in time between the epochs of IGRF five years apart, where IGRF is itself linear.
 Nodes are at fixed places of the globe and are computed in tiles of one shape, so that the field at
-a report is the same to the last bit whatever the other reports. Tiles are kept for the life of the
-process.
+a report is identical to the last bit for any other reports. Tiles are kept until the process ends.
 
 Valid from 1900 to 2030, heights -1 to 20 km; NaN outside the epochs. Against IGRF itself components
 are within about 1 nT, declination within 0.01 degrees where the horizontal field exceeds 5,000 nT.
@@ -65,9 +64,9 @@ def geomagnetic_field(
 ) -> GeomagneticField:
     """Declination, horizontal field and dip at points whose shapes broadcast.
 
-    Latitude and longitude in degrees, height in metres above the ellipsoid (pressure altitude will
-    do), seconds since 1970-01-01T00:00 UTC. NaN where an argument is not finite, and outside 1900
-    to 2030.
+    Latitude and longitude in degrees, height in metres above the ellipsoid (or pressure altitude),
+    seconds since 1970-01-01T00:00 UTC. NaN where an argument is not finite, and outside 1900 to
+    2030.
     """
     values = (np.asarray(value, np.float64) for value in (latitude, longitude, height, seconds))
     arrays = np.broadcast_arrays(*values)

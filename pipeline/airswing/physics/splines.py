@@ -24,7 +24,7 @@ def hats(values: Floats, knots: Floats) -> Floats:
 
 
 def hats_not_zero(values: Floats, knots: Floats) -> tuple[Short, Floats]:
-    """The one or two hats that are not zero at each value, for more knots than :func:`hats` stores.
+    """The one or two nonzero hat functions at each value, for many knots.
 
     Row of :func:`hats` and its value, each (n, 2); of one knot, which is one everywhere, (n, 1).
     Values (n,) without NaN.

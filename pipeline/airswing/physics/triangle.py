@@ -2,11 +2,11 @@
 
 Everything is horizontal and the sideslip is zero, so the air vector lies along the heading. Vectors
 are (east, north) components: a calm wind has no direction and an aircraft at rest no heading, so
-directions are made last and only where the speed is not zero (NaN otherwise). Headings and tracks
-are radians clockwise from north; a wind *direction* is where it blows from. The heading error is
-indicated minus implied by the reference wind (Jacobs et al. 2010, equation 3): positive when the
-compass reads too far clockwise. Radians and metres per second. All arguments broadcast; NaN in
-gives NaN out.
+directions are computed last and only where the speed is not zero (NaN otherwise). Headings and
+tracks are radians clockwise from north; a wind *direction* is where it blows from. The heading
+error is indicated minus implied by the reference wind (Jacobs et al. 2010, equation 3): positive
+when the compass reads too far clockwise. Radians and metres per second. All arguments broadcast;
+NaN in gives NaN out.
 
 References
 ----------
@@ -127,7 +127,7 @@ def angle_of_vector(
 ) -> Array:
     """Signed clockwise angle, radians in (-pi, pi], that turns the first vector onto the second.
 
-    NaN where either vector is zero. Exact near zero: made from the cross and dot products, not
+    NaN where either vector is zero. Exact near zero: computed from the cross and dot products, not
     from the difference of two bearings.
     """
     a, b = np.asarray(from_east, np.float64), np.asarray(from_north, np.float64)

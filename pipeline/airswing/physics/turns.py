@@ -1,11 +1,11 @@
 """Heading and airspeed at reports near a turn, from the legs around them.
 
 A turn is short compared with the time between reports, so that neither the leg before nor the leg
-after a report, nor their mean, has the direction flown at the report: the parabola through three
-fixes is in error by 10 to 20 degrees there. The aircraft flies straight, makes at most one turn of
-constant rate within the two legs before and the two after the report, and flies straight on. The
-mean air vector of a leg, ground vector minus reported wind, then has a mean direction of the
-courses before and after, weighted by when the turn began and ended.
+after a report, nor their mean, gives the direction of flight at the report: the parabola through
+three fixes is in error by 10 to 20 degrees there. The aircraft flies straight, makes at most one
+turn of constant rate within the two legs before and the two after the report, and flies straight
+on. The mean air vector of a leg, ground vector minus reported wind, then has a mean direction of
+the courses before and after, weighted by when the turn began and ended.
 
 Each pair of a begin and an end on a lattice of a quarter of a leg is a hypothesis. Initial course
 and turn follow from the four legs by linear least squares; the probability of the hypothesis from

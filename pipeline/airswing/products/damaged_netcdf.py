@@ -1,8 +1,8 @@
 """Refuses damaged NetCDF files before their library reads them.
 
-The NetCDF library believes the header of a classic file: a wrong count of records gives records
-that are not there, as zeros. The HDF5 library may never end, or end the process, on a damaged file;
-such files are opened in a worker process first, if this process has not written them. Classic files
+The NetCDF library does not check the header of a classic file: a wrong count of records gives
+absent records as zeros. The HDF5 library may hang, or end the process, on a damaged file; such
+files are opened in a worker process first, if this process has not written them. Classic files
 (CDF-1, 2 and 5) are laid out as in the NetCDF Classic Format Specification (Unidata, 2024).
 """
 
@@ -55,7 +55,7 @@ def require_sound(path: Path) -> None:
 
 
 def written_here(path: Path) -> None:
-    """Note that this process has written or checked a file; it is not checked again."""
+    """Record that this process has written or checked a file, which is then not checked again."""
     _SOUND.add(_identity(path))
 
 

@@ -29,7 +29,7 @@ REFERENCES = (
     "Jacobs et al. (2010), TAMDAR update: magnetic deviation correction, AMS; "
     "Jacobs, Mulally & Anderson (2014), J. Atmos. Oceanic Technol. 31(8), 1733-1747"
 )
-# What the section `metadata` of the configuration replaces (ACDD 1.3).
+# Defaults that the section `metadata` of the configuration replaces (ACDD 1.3).
 _ACDD = {"institution": "not stated", "creator_name": "not stated", "license": "not stated"}
 _TIME_UNITS = {"units": "milliseconds since 1970-01-01", "calendar": "standard"}
 COORDINATES = ("time", "latitude", "longitude", "pressure_altitude")
@@ -37,7 +37,7 @@ COORDINATES = ("time", "latitude", "longitude", "pressure_altitude")
 # Bytes for each variable; the library's default of 16 MiB adds up to hundreds of megabytes.
 _CHUNK_CACHE = 2**20
 REPORTS_A_CHUNK = 32_768
-"""Few enough that one aircraft's part of a month is read without much of the others'."""
+"""Reports in a chunk: few, so that one aircraft is read without much of the others."""
 PRODUCTS = (
     *("headings", "fits", "corrected", "error_profiles", "observation_errors"),
     *("innovation_statistics", "gap", "postprocessed"),
@@ -247,7 +247,7 @@ def open_results(folder: str | Path) -> xr.DataTree:
     Returns
     -------
     DataTree
-        One node a product that is there: ``headings``, ``fits``, ``corrected``,
+        One node for each existing product: ``headings``, ``fits``, ``corrected``,
         ``error_profiles``, ``observation_errors``, ``innovation_statistics``, ``gap``,
         ``postprocessed``.
 
@@ -280,7 +280,7 @@ def product_path(folder: Path, name: str) -> Path:
 
 @contextlib.contextmanager
 def _damage_named(path: str | Path) -> Iterator[None]:
-    """Turn what the libraries raise at a damaged file into an InputError."""
+    """Convert exceptions of the libraries on a damaged file to an InputError."""
     try:
         yield
     except DAMAGE as err:
@@ -315,7 +315,7 @@ def _opened(path: Path) -> xr.Dataset:
 
 
 def _damaged_entry(ds: xr.Dataset) -> str:
-    """Name of an attribute or variable that airswing does not write so; empty if there is none."""
+    """Name of an attribute or variable that airswing does not write in this form; empty if none."""
     for key in ("title", "uuid", "history", "airswing_version"):
         if not isinstance(ds.attrs.get(key), str):
             return key

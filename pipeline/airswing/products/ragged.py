@@ -19,9 +19,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 BLOCK_REPORTS = 200_000
-"""Reports of a block, where no single aircraft has more."""
+"""Most reports of a block, unless a single aircraft has more."""
 FLIGHTS = "flight_total"
-"""Attribute of a month: how many flights it has."""
+"""Attribute of a month: its number of flights."""
 _TALLIES = ("screened_out", "reading_audit", "reference_audit")
 COVERAGE = (
     *("time_coverage_start", "time_coverage_end", "geospatial_lat_min", "geospatial_lat_max"),
@@ -76,7 +76,7 @@ def blocks(
 
 
 def time_span(ds: xr.Dataset) -> tuple[np.datetime64, np.datetime64]:
-    """First and last time of an archive's reports, of which there is at least one."""
+    """First and last time of an archive with at least one report."""
     times = [part["time"].to_numpy() for part in blocks(ds, ["time"]) if part.sizes["report"]]
     return min(time.min() for time in times), max(time.max() for time in times)
 
@@ -146,7 +146,7 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
 
     It is dask-backed in chunks of whole aircraft: of each month a chunk needs one contiguous slice.
     Its ``uuid`` is a hash of those of the months; counts in its attributes are summed over them. A
-    ValueError says that months hold different variables or references, or aircraft out of order.
+    ValueError is raised if months hold different variables or references, or unordered aircraft.
     """
     first = months[0]
     same = {name for name in first.coords if not {"report", "aircraft"} & set(first[name].dims)}
@@ -174,7 +174,7 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
             token = f"months-{attributes['uuid']}-{name}"
             lazy = _reports_by_aircraft(parts, counts, added, token)
             columns[str(name)] = xr.Variable(variable.dims, lazy, variable.attrs)
-    # What an aircraft has once is that of its last month.
+    # Values by aircraft are those of its last month.
     whole = xr.concat(
         [month.drop_dims("report") for month in months],
         "aircraft",

@@ -28,7 +28,7 @@ from airswing.version import __version__
 
 Content = TypeVar("Content", bound=Mapping[str, object])
 ZARR_MARKS = ("zarr.json", ".zmetadata", ".zgroup")
-"""Files of which every Zarr store has one at its top."""
+"""Files, one of which is at the top of every Zarr store."""
 PACKAGE = Path(__file__).parents[1]
 _LOCK = ".running"
 _DIGITS = 32  # hexadecimal: 128 bits, so that no two fingerprints are equal by chance
@@ -190,7 +190,7 @@ def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
     except PermissionError:
         return InputError(
             "the folder may not be read: permission denied",
-            # of a folder that may be listed but not entered, the last path that can be seen
+            # the last accessible path where a folder may be listed but not entered
             file=next(path for path in (folder, *folder.parents) if os.path.exists(path)),
             field=field,
             found=f"pattern {text!r}",

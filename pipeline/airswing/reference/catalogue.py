@@ -2,11 +2,11 @@
 
 A row is one field of one level; a profile is the u and v of all levels of one valid time, lead,
 member and grid, with the pressure of each level where levels are not isobaric. A level with u but
-no v is no wind. Profiles of one valid time: see `_CHOICES`; of grids with equally many levels the
-one that contains more of the reports is used. Of a field that is given twice, copies count once
-(the file whose path sorts last); if the values differ, one header must be wrong and neither counts.
-GRIB that the header scanner does not know is opened by cfgrib, which is slower; a field that is no
-state of the atmosphere is not tried again.
+no v has no wind. `_CHOICES` selects one of several profiles of a valid time; of grids with equally
+many levels the one that contains more reports is used. Copies of a field count once (the file whose
+path sorts last); if the values differ, one header must be wrong and neither is used. GRIB that the
+header scanner does not know is opened by cfgrib, which is slower; a field that is not a state of
+the atmosphere is not tried again.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from airswing.reference.winds import (
 __all__ = ["Catalogue", "LeftOut", "build_catalogue", "catalogues_of", "is_lost_file"]
 
 _SAME = 0.1  # m/s or Pa: copies in another packing differ by less
-_COMPARED = 20  # fields of two files that were found equal: the rest are taken to be
+_COMPARED = 20  # equal fields of two files after which the others are taken as equal
 _PROFILE = ("valid", "lead", "member", "level_kind", "grid")
 _FIELD = (*_PROFILE, "level", "kind")
 #: Columns in which profiles of one valid time differ, and which of them is used.
@@ -83,7 +83,7 @@ class Catalogue:
     given: dict[str, xr.Dataset]  # by the path in `files`
     stored: tuple[StoredField, ...]
     engine: str
-    alternatives: tuple[Catalogue, ...] = ()  # the same with another of several grids
+    alternatives: tuple[Catalogue, ...] = ()  # catalogues with the other grids
 
     def __len__(self) -> int:
         return int(self.profiles.size)
@@ -122,7 +122,7 @@ class Catalogue:
         kinds = slice(2 if self.is_isobaric(number) else 3)
         rows = self.rows[kinds, self.bounds[number] : self.bounds[number + 1]].copy()
         grids = tuple(self.grids[n] for n in rows["points"][:, 0].tolist())
-        # only the files it needs: a year's list would go along with each of its thousands of hours
+        # only the files it needs: the list of a year would be sent with each of its hours
         used = np.unique(rows["file"])
         rows["file"] = np.searchsorted(used, rows["file"])
         files = tuple(self.files[n] for n in used.tolist())
@@ -201,8 +201,8 @@ def build_catalogue(
     member : int, optional
         Number of the ensemble member whose winds count; by default the lowest.
     naming : Naming or mapping, optional
-        What a Dataset does not say itself: names of variables and coordinates, units, projection,
-        direction of the winds. Of these GRIB files take ``winds`` only.
+        Metadata that a Dataset lacks: names of variables and coordinates, units, projection,
+        direction of the winds. For GRIB files only ``winds`` applies.
     cache_dir : path-like, optional
         Folder for the cache of GRIB headers; by default the user's cache folder.
     on_bad_file : {"skip", "fail"}
@@ -211,7 +211,7 @@ def build_catalogue(
     Returns
     -------
     Catalogue
-        With `skipped` and `notes` about what was not used and which choices were made.
+        With `skipped` (content that was not used) and `notes` (choices that were made).
 
     Raises
     ------
@@ -228,7 +228,7 @@ def build_catalogue(
     where = f"references.{name}"
     if on_bad_file not in ("skip", "fail"):
         raise InputError("must be skip or fail", field="on_bad_file", found=on_bad_file)
-    lead_condition(lead)  # a fault of it is reported before any file is read
+    lead_condition(lead)  # its errors are reported before any file is read
     if engine not in ENGINES:
         raise InputError(
             "no such engine",
@@ -322,7 +322,7 @@ def catalogues_of(references: object) -> dict[str, Catalogue]:
 
 @dataclass
 class _Work:
-    """From the files of a reference to its catalogue: what is asked, and what was found so far."""
+    """Builds the catalogue of a reference from its files: options, and content found so far."""
 
     name: str
     naming: Naming
@@ -409,7 +409,7 @@ class _Work:
         return on_one_grid(np.concatenate(tables), grids), grids, notes
 
     def _gather(self, gathered: Gathering, engine: str) -> None:
-        """Collect the rows of Datasets; a file that cannot be opened is left out among others."""
+        """Collect the rows of Datasets; of several files, unreadable ones are skipped."""
         for number, source in enumerate(self.sources):
             try:
                 given = self.given.get(source.path)
@@ -424,7 +424,7 @@ class _Work:
     def _without_copies(
         self, table: Table, values: Callable[[Table], list[Floats]]
     ) -> NDArray[np.bool_]:
-        """Which of the sorted rows to keep: of copies the last, of contradicting values none."""
+        """Mask of the sorted rows to keep: the last of copies, none of contradicting values."""
         first = _changes(table, _FIELD)
         keep, group = np.ones(table.size, dtype=bool), np.cumsum(first)
         equal: Counter[tuple[int, ...]] = Counter()
@@ -468,7 +468,7 @@ class _Work:
         u, v, pressure = rows
         both, kind = (u >= 0) & (v >= 0), table["level_kind"][np.max(rows, axis=0)]
         native = kind != ISOBARIC
-        # level kinds without any pressure hold no profile, whatever else they hold
+        # level kinds without any pressure have no profile
         bare = native & ~np.isin(kind, table["level_kind"][table["kind"] == PRESSURE])
         other = bare & (kind > HYBRID)
 
@@ -485,7 +485,7 @@ class _Work:
             mine = off & (table["kind"] == component) & (table["level_kind"] == surface)
             leave_out(np.flatnonzero(mine), "wind", off_levels(component, surface))
         both &= ~native | (pressure >= 0)
-        # isobaric levels have no pressure field: any row takes its place
+        # isobaric levels have no pressure field: use any row in its place
         found: Table = table[np.maximum(rows[:, both], 0)]
         return found
 
@@ -502,7 +502,7 @@ class _Work:
     def _chosen(self, everything: Catalogue) -> Catalogue:
         """The catalogue with one profile for each valid time, and alternatives on other grids."""
         profiles, sizes = everything.profiles, np.diff(everything.bounds)
-        # one level of heights with a pressure (10 m) is no profile
+        # a single height level with a pressure (10 m) is not a profile
         usable = (sizes > 1) | (profiles["level_kind"] <= HYBRID)
         meets = lead_condition(self.lead)(profiles["lead"])
         if self.member is not None:

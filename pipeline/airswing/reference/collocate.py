@@ -2,9 +2,9 @@
 
 The work maps over model times: each needed message is read once, for the reports of both intervals
 that share it; two bracketing samples are joined linearly in time. A report exactly at a valid time
-takes that one alone. Nothing is read or computed before the result is; results are identical on any
-scheduler and in any chunking. A file that vanished or was replaced gives no value to its reports,
-is logged, and is counted in `unread_messages`.
+uses only that time. Nothing is read until the result is computed; results are identical for any
+scheduler and chunking. Reports of a file that vanished or was replaced get no value; the file is
+logged and counted in `unread_messages`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ DERIVATIVES = (
 ACCOUNT = ("unread_messages", "decoded_messages", "decoded_bytes", "decoding_seconds")
 """Names of the counts of reading a reference; the first is part of every result."""
 PROBLEMS = "problems"
-"""What could not be read, by reference: sets of (valid time, file, reason)."""
+"""Unreadable content by reference: sets of (valid time, file, reason)."""
 _LOG = logging.getLogger("airswing.reference")
 
 
@@ -189,7 +189,7 @@ def collocate(
     columns = [reports[name].data for name in COLUMNS]
     points: Any = delayed(_points)(*columns) if lazy else _points(*columns)
     for name, model in models.items():
-        if model.alternatives:  # of several grids one must be chosen before anything is planned
+        if model.alternatives:  # one of several grids must be chosen before the tasks are planned
             places = (np.asarray(reports[one].values, dtype=float) for one in COLUMNS[1:3])
             models[name] = model.for_places(*places)
     size = int(np.prod([reports.sizes[d] for d in reports["time"].dims]))
@@ -373,7 +373,7 @@ def overlap(
     *,
     max_time_gap: float = 10800.0,
 ) -> dict[str, Overlap]:
-    """Which reports have a model, before anything is decoded.
+    """Count the reports with model winds, without decoding.
 
     Reports, catalogues and `max_time_gap` (s) as for :func:`collocate`.
     """
@@ -431,7 +431,7 @@ def _span(time: Ints) -> tuple[str, str]:
 
 
 def require_overlap(overlaps: Mapping[str, Overlap]) -> None:
-    """Refuse references that serve no report at all, with times, places or levels of both."""
+    """Refuse references without winds for any report, stating times, places or levels of both."""
     for name, one in overlaps.items():
         if one.matched:
             continue

@@ -1,7 +1,7 @@
 """Model files on disk and elsewhere: their kinds, compressed copies, URLs, and identities.
 
-The kind of a file is that of its first bytes, never of its name. The content of a URL is taken to
-be unchanged for the time of a run. Compressed files and URLs are read through temporary copies;
+The kind of a file is recognised by its first bytes, not by its name. The content of a URL is
+assumed to be constant during a run. Compressed files and URLs are read through temporary copies;
 nothing is written into the data folder.
 """
 
@@ -84,7 +84,7 @@ Skipped = list[LeftOut]
 
 
 def skip(file: str, what: str, reason: str, count: int = 1) -> LeftOut:
-    """One entry of a list of what is left out."""
+    """One entry of a list of skipped content."""
     return {"file": file, "what": what, "reason": reason, "count": count}
 
 
@@ -128,7 +128,7 @@ def is_same(file: SourceFile) -> bool:
 
 
 class Reader:
-    """Account of reading, and files that are opened if they are as they were catalogued."""
+    """Counts of reading, and files that are opened if unchanged since they were catalogued."""
 
     def __init__(self) -> None:
         self.problems: dict[tuple[str, str], None] = {}  # file and reason, noted once
@@ -137,7 +137,7 @@ class Reader:
         self._opened: dict[SourceFile, Any] = {}
 
     def open(self, file: SourceFile, opener: Callable[[SourceFile], Any]) -> Any:
-        """What `opener` returns for a file; None if it is gone or was replaced."""
+        """Result of `opener` for a file; None if it is gone or was replaced."""
         if file not in self._opened:
             self._opened[file] = None
             try:
@@ -165,7 +165,7 @@ def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list
         if is_url(pattern):
             found.update(_urls(pattern))
             continue
-        # a path that exists is itself, whatever brackets its name holds
+        # an existing path is taken literally, even if its name contains brackets
         matches = [pattern] if os.path.exists(pattern) else glob.glob(pattern, recursive=True)
         # a broken link is a missing file: opening it fails and names it
         usable = [
@@ -326,13 +326,13 @@ def kind_of(path: str) -> str:
 
 
 class LocalPath(str):
-    """A path that keeps the temporary copy it names, which other threads may no longer need."""
+    """A path that keeps its temporary copy alive while it is in use."""
 
     copy: IO[bytes] | None = None
 
 
 def local_path(path: str) -> LocalPath:
-    """Path under which a file can be read: itself, or a temporary copy.
+    """Path under which a file can be read: its path, or that of a temporary copy.
 
     The copy exists as long as the returned object does.
     """

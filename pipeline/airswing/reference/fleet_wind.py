@@ -2,7 +2,7 @@
 
 Each component of the wind is multilinear between nodes in latitude, longitude, ln p and time, with
 penalised second differences. A heading offset and an airspeed scale of each aircraft are unknowns
-of the same fit with robust weights (Huber), so that no aircraft draws the field to itself. An
+of the same fit with robust weights (Huber), so that no single aircraft dominates the field. An
 offset common to all aircraft is determined only if headings cover the compass. Valid for hours to a
 day and some hundred kilometres where no model is available. SI units; degrees for places. Source:
 Sun, Vu, Ellerbroek & Hoekstra 2018 (PLoS ONE 13, e0205029), wind of Mode-S reports.
@@ -100,7 +100,7 @@ def _gathered(blocks: Iterable[xr.Dataset]) -> pd.DataFrame:
         part["second"], part["log_pressure"] = time / 1e9, np.log(part.pop("pressure"))
         part["aircraft"] = aircraft_of_report(block) + aircraft
         aircraft += block.sizes["aircraft"]
-        # reports without an air vector count as winds alone
+        # reports without an air vector contribute their winds only
         air = part[names[-2:]].to_numpy()
         part[names[-2:]] = np.where(np.isfinite(air).all(axis=1, keepdims=True), air, 0.0)
         good = np.isfinite(part.to_numpy()).all(axis=1)
@@ -148,14 +148,14 @@ def _field(data: pd.DataFrame, axes: list[Floats]) -> Floats:
         [[basis, None, turned_u, stretched_u], [None, basis, turned_v, stretched_v]], format="csr"
     )
     bend = _bends([axis.size for axis in axes])
-    # The identity keeps nodes that no report is near from being undetermined.
+    # The identity matrix determines nodes without reports nearby.
     smooth = (bend.T @ bend) * (BEND / NOISE) ** 2 + sparse.identity(nodes) * 1e-6
     spread = np.repeat([(NOISE / OFFSET_SPREAD) ** 2, (NOISE / SCALE_SPREAD) ** 2], owners)
     prior = sparse.block_diag([smooth, smooth, sparse.diags(spread)], format="csr")
     wind = data[[*_WIND]].to_numpy().T
     middle = np.median(wind, axis=1)
     right = (wind - middle[:, np.newaxis]).ravel()
-    # an aircraft with many reports counts no more than its share: its errors are not independent
+    # the weight of an aircraft with many reports is limited: its errors are not independent
     reports = np.bincount(aircraft)[aircraft]
     plain = np.tile(1.0 / np.sqrt(reports / np.median(reports)), 2)
     weight, found = plain, np.zeros(design.shape[1])

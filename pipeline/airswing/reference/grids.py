@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Points this many grid lengths outside the outermost row or column count as on it: coordinates
-#: are often stored in single precision or to a thousandth of a degree.
+#: Points up to this many grid lengths outside the outermost row or column count as on it:
+#: coordinates are often stored in single precision or to a thousandth of a degree.
 EDGE_TOLERANCE = 1e-4
 _FULL_CIRCLE = 1e-2  # columns by which the span of a full circle may differ from 360 degrees
 _NORTH_STEP = 1e-4  # degrees, half the step towards north that gives a grid's direction

@@ -2,7 +2,7 @@
 
 Winds are compared with an analysis, a forecast, a member of an ensemble, or the mean of an
 ensemble. Averages over time, spread, percentiles, probabilities, errors, increments, climatologies
-and standard deviations look like winds (same parameter, same unit) and are none. Sources: WMO FM 92
+and standard deviations have the parameter and unit of winds but are refused. Sources: WMO FM 92
 GRIB, code tables 4.0, 4.3, 4.7 (edition 2) and 5 (edition 1); ECMWF's MARS types; NCEP Office Note
 388, section 1; CF conventions 1.11, sections 3.3, 7.3 and 7.4.
 """
@@ -17,7 +17,7 @@ _RANGES = {2: "range", 3: "average", 4: "accumulation", 5: "difference", 6: "ave
 FORECAST, MEMBER, DERIVED, HINDCAST = 0, 1, 2, 60
 _OVER_TIME = (*range(8, 15), 42, 43, 46, 47, 61, 67, 68, 72, 73, 78, 79, 91)
 _TEMPLATES = {5: "probability", 6: "percentile", 7: "analysis or forecast error", 9: "probability"}
-#: Generating processes (code table 4.3) whose output is no state.
+#: Generating processes (code table 4.3) whose output is not a state.
 _PROCESSES = {
     **{5: "probability forecast", 6: "forecast error", 7: "analysis error", 9: "climatology"},
     **{10: "probability-weighted forecast", 18: "difference of two forecasts"},
@@ -46,14 +46,14 @@ _WORDS = re.compile(
     r"|(means?|averages?) (monthly|daily|hourly|seasonal|annual))\b",
     re.I,
 )
-#: The same in the title of a file, which also says what is compared or contained.
+#: Words in the title of a file, which also describes other content.
 _TITLE_WORDS = re.compile(
     r"\b(ensemble spread|standard deviations?|percentiles?|quantiles?|probabilit\w*"
     r"|climatolog(y|ies|ical)|long term means?|anomal\w*|analysis increments?|analysis errors?"
     r"|time averaged?|(monthly|daily) (means?|averages?))\b",
     re.I,
 )
-#: Operators of CDO and NCO, in the history of a file, whose output is no state: statistics over
+#: Operators of CDO and NCO, in the history of a file, whose output is not a state: statistics over
 #: members except the mean, and all over time.
 _OPERATORS = re.compile(
     r"\bcdo\b.*?\b((ens|zon|mer)(std1?|var1?|max|min|pctl|range|sum|skew|kurt|crps|brs)"
@@ -69,7 +69,7 @@ _HORIZONTAL = ("area", "lat", "latitude", "lon", "longitude", "x", "y")
 
 
 def grib_statistic(edition: int, sections: Mapping[int, bytes]) -> str:
-    """Reason why a field of GRIB is no state, from its sections; empty if it is one.
+    """Reason why a GRIB field is not a state, from its sections; empty if it is one.
 
     Sections by number: 1 of edition 1; 1, 4 and, if there is one, 2 of edition 2.
     """
@@ -125,7 +125,7 @@ def variable_statistic(
     coordinates: Iterable[tuple[str, Mapping[object, object]]],
     dataset: Mapping[object, object],
 ) -> str:
-    """Reason why a variable is no state, from its attributes; empty if it is one.
+    """Reason why a variable is not a state, from its attributes; empty if it is one.
 
     `coordinates` are names and attributes of its dimensions and scalar coordinates, `dataset` the
     attributes of the Dataset.

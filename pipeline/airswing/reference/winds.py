@@ -2,9 +2,9 @@
 
 Linear in the logarithm of pressure in each column of the model, then bilinear in the grid's index
 space, both along the grid; then the components are rotated to true east and north at the reports.
-If u, v and pressure lie on different points, each is interpolated on its points and the pressure of
-native levels is that at the report. Nothing is extrapolated. A corner that is missing and has
-weight gives no value. A report's value depends on that report alone.
+If u, v and pressure lie on different points, each is interpolated on its grid and the pressure of
+native levels is that at the report. Nothing is extrapolated. A missing corner with nonzero weight
+makes the value missing. A report's value depends on that report alone.
 """
 
 from __future__ import annotations
@@ -253,7 +253,7 @@ def winds_at(
         shear = _rotated(across(0, shears[0]), across(1, shears[1]), angle)
         columns = [one.reshape(4, place.size) for one in columns]
         slopes = _true_slopes(model.grids, columns, cells, wind, angle, lat, lon)
-        # the grid's angle whatever the flag says: a wrong flag is recognised by it
+        # the grid's angle regardless of the flag, by which a wrong flag is recognised
         result = np.stack([*wind, *shear, *slopes, convergence])
     with np.errstate(invalid="ignore", over="ignore"):
         result[:, ~(np.hypot(result[0], result[1]) <= MAX_WIND)] = np.nan

@@ -1,8 +1,8 @@
 """Figures and pages of a run, a field test and a gap diagnosis.
 
 Every figure function returns a matplotlib Figure that carries its ``caption`` and is displayed in a
-notebook. Every page is one HTML file with nothing outside it. matplotlib is imported when a name
-of this package is first used.
+notebook. Every page is one self-contained HTML file. matplotlib is imported when a name of this
+package is first used.
 """
 
 from __future__ import annotations

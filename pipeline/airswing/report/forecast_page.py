@@ -100,7 +100,7 @@ def _figures_section(corrected: xr.Dataset) -> html.Section:
         parts.append(html.heading(_plain(variable)))
         if corrected.sizes["lead"] > 1:
             parts.append(show("leads", _by_lead_figure(corrected, variable)))
-        # the station with the highest skill of the filter, the first where none is known
+        # the station with the highest skill of the filter, or the first if none is known
         gain = corrected["skill_by_station"].sel(variable=variable, correction="kalman")
         place = int(np.argmax(gain.fillna(-np.inf).to_numpy()))
         parts.append(show("series", _time_line_figure(corrected, variable, place)))
@@ -167,7 +167,7 @@ def _by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
 def _time_line_figure(corrected: xr.Dataset, variable: str, station: int) -> Figure:
     """Draw the daily error of one station before and after, the mean over lead times.
 
-    The axis reaches 3 times the 90th percentile of the errors: single gross errors are cut.
+    The axis reaches 3 times the 90th percentile of the errors: single gross errors are clipped.
     """
     chosen = corrected.sel(variable=variable).isel(
         {"station": station, TIME: slice(-LONGEST, None)}
@@ -203,7 +203,7 @@ def _time_line_figure(corrected: xr.Dataset, variable: str, station: int) -> Fig
 def _stations_figure(scored: xr.Dataset, variable: str) -> Figure:
     """Draw the distribution of scores over stations.
 
-    On the left the rms error of each station with the filter and its rivals against the raw
+    On the left the rms error of each station with the filter and the other methods against the raw
     forecast's; on the right the skill of the filter, stations in order of skill, with intervals.
     Axes are limited to 1.5 times the 95th percentile (errors) and to skills above -1: a single
     station with a gross error is drawn at the edge.

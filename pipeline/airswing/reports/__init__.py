@@ -1,7 +1,7 @@
 """Aircraft reports in: files of any known format to one Dataset.
 
-Assumes winds and positions as the aircraft sent them; nothing is corrected here beyond what
-:mod:`airswing.reports.cleaning` states, and every repair or drop is counted.
+Assumes winds and positions as the aircraft sent them; the only corrections are those stated in
+:mod:`airswing.reports.cleaning`, and every repair or drop is counted.
 """
 
 from airswing.reports.assembly import assemble

@@ -1,11 +1,11 @@
 """From cleaned reports to the reports Dataset: order, duplicates, flights, ragged layout.
 
-The result does not depend on the order of rows or files. Two reports of one aircraft at one time
-and place are one: the more complete stays. Two of one time at different places are both kept if the
-time is coarse enough for both or if their flight labels differ; otherwise the more complete stays.
-Reports of one time follow the climb or descent around them.
+The result does not depend on the order of rows or files. Of two reports of one aircraft at one time
+and place the more complete is kept. Two of one time at different places are both kept if the time
+is coarse enough for both or if their flight labels differ; otherwise the more complete is kept.
+Reports of one time are ordered by the climb or descent around them.
 
-Flights that fly for half of their time while another flight of the same identifier flies are of two
+Flights that overlap another flight of the same identifier for half of their time belong to two
 aircraft. All flights of such an identifier are divided into sequences that one aircraft can have
 flown: each flight continues the sequence that has ended, whose callsigns have the same operator
 (leading letters), and that ended nearest, if it can be there in time. The sequences become aircraft
@@ -33,13 +33,13 @@ from airswing.reports.values import EARLIEST, Floats, Index, Integers, Mask, sec
 from airswing.units import METRES_PER_DEGREE
 from airswing.vocabulary import describe
 
-# m/s over ground, and m/s of climb: what is farther apart is not one moment of a flight.
+# m/s over ground, and m/s of climb: positions farther apart are not of the same time.
 FASTEST, CLIMB = 350.0, 10.0
 STRAIGHT = 10.0  # degrees of heading within which an interval of averaging counts as straight
 _SAME_PLACE, _SAME_ALTITUDE = 1e-4, 15.0  # degrees, m
 _TREND_GAP = 1200.0  # s: reports farther away show no climb or descent
 _FEWEST_OVERLAPPING = 5  # reports of a flight that overlaps another; fewer are wrong positions
-_AIRPORT = 100_000.0  # m: how far from the last report of a flight the next may begin at once
+_AIRPORT = 100_000.0  # m: a flight may begin at once this far from the end of the last one
 _LATEST = np.datetime64("2200", "ns")  # later than any possible time
 _INTERNAL = ("tail", "platform", "counted", "wind_speed", "wind_direction")  # not in the Dataset
 
@@ -177,7 +177,7 @@ def _drop_same_place(columns: Columns, audit: Audit) -> None:
 
 
 def _drop_conflicts(columns: Columns, audit: Audit) -> None:
-    """Of two places where one aircraft cannot both have been, drop the less complete report."""
+    """Of two positions that one aircraft cannot have had, drop the less complete report."""
     while True:
         later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
         north, east, up = _apart(columns, later)
@@ -197,7 +197,7 @@ def _drop_conflicts(columns: Columns, audit: Audit) -> None:
 
 
 def _along_climb(columns: Columns) -> Integers:
-    """Order in which reports of one time climb or descend with those around them."""
+    """Order of reports of one time that continues the climb or descent of those around them."""
     order = np.arange(columns["tail"].size)
     same = _same_moment(columns["tail"], columns["time"])
     tied = np.flatnonzero(same | np.r_[same[1:], False])
@@ -217,7 +217,7 @@ def _along_climb(columns: Columns) -> Integers:
     phase = columns["phase"][starts]
     trend = np.where(phase == PHASE["ascent"], 1.0, trend)
     trend = np.where(phase == PHASE["descent"], -1.0, trend)[moment[tied]]
-    # Stable: without a trend all keys are zero and the order stays.
+    # Stable: without a trend all keys are zero and the order is unchanged.
     order[tied] = tied[np.lexsort((trend * altitude[tied], moment[tied]))]
     return order
 
@@ -246,7 +246,7 @@ def _separate(
     labels: NDArray[np.object_],
     audit: Audit,
 ) -> NDArray[np.object_]:
-    """Make aircraft that share an identifier aircraft of their own, in place; the new tails."""
+    """Separate aircraft that share an identifier, in place; return the new tails."""
     flown = pd.Series(np.arange(flight.size)).groupby(flight).agg(["first", "last", "size"])
     seconds = seconds_since_1970(columns["time"])
     flown = flown.assign(
@@ -284,7 +284,7 @@ def _sequences(flown: pd.DataFrame, columns: Columns, labels: NDArray[np.object_
         "" if code < 0 else "".join(takewhile(str.isalpha, labels[code]))
         for code in flown["label"].tolist()
     ]
-    ends: list[tuple[int, float, str]] = []  # of each sequence the last report, its time, whose
+    ends: list[tuple[int, float, str]] = []  # last report of each sequence, its time and operator
     number = []
     columns_of = (flown[name].tolist() for name in ("first", "last", "begin", "end"))
     for first, last, begin, end, whose in zip(*columns_of, operator, strict=True):
@@ -305,7 +305,7 @@ def _average(columns: Columns, interval: float, audit: Audit) -> None:
 
     Reports of neighbouring seconds differ by coding noise; the errors of model and compass are the
     same in all of them, so that a mean is one report with less noise. Where the heading changes by
-    more than :data:`STRAIGHT` the middle report is kept as it is, because a mean over a turn is
+    more than :data:`STRAIGHT` the middle report is kept unchanged, because a mean over a turn is
     not on the path. Positions are averaged in degrees, the short way round at the antimeridian.
     """
     if interval <= 0.0 or columns["tail"].size < 2:
@@ -314,7 +314,7 @@ def _average(columns: Columns, interval: float, audit: Audit) -> None:
     group = _number_of_run(columns["tail"], np.floor(seconds / interval), columns["flight"])
     starts = np.flatnonzero(np.diff(group, prepend=-1))
     heading, longitude = columns["reported_heading"], columns["longitude"]
-    # Less the first: sums of seconds since 1970 lose the milliseconds.
+    # Relative to the first, because sums of seconds since 1970 lose the milliseconds.
     first = starts[group]
     values = {n: v.astype(np.float64) for n, v in columns.items() if v.dtype.kind == "f"} | {
         "reported_heading": wrap_degrees(heading.astype(np.float64) - heading[first]),

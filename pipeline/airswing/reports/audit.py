@@ -1,4 +1,4 @@
-"""Counts of what happened to reports while they were read.
+"""Counts of reports kept, dropped and repaired during reading.
 
 Each report read is kept or dropped for one reason: ``reports_read = reports_kept + sum(dropped)``.
 A kept report may have been repaired for several reasons.
@@ -18,7 +18,7 @@ AuditContent = dict[str, Any]
 """Plain form of an :class:`Audit`, as stored in ``reading_audit``."""
 _COUNTERS = ("dropped", "repaired", "missing", "formats")
 _OTHERS = ("files_skipped", "examples", "mistakes", "similar_tails", "remarks")
-_LARGE_SHARE = 0.5  # of the reports, above which a note says what their values lack
+_LARGE_SHARE = 0.5  # share of the reports above which a note states the missing values
 
 
 @dataclass
@@ -43,7 +43,7 @@ class Audit:
 
     @property
     def kept(self) -> int:
-        """Reports read less reports dropped."""
+        """Number of reports read minus number dropped."""
         return self.read - sum(self.dropped.values())
 
     def drop(self, reason: str, number: SupportsInt, *, unread: bool = False) -> None:

@@ -2,7 +2,7 @@
 
 A report is dropped only without aircraft, time or position; every other impossible value becomes
 NaN and is counted. Wind direction 360 becomes 0, a calm has no direction, a speed without a
-direction is no wind. Where no wind is reported it is ground velocity minus air velocity, of the
+direction gives no wind. Where no wind is reported it is ground velocity minus air velocity, of the
 true airspeed if reported, else from the Mach number, else from the indicated airspeed, at the
 reported temperature, else at that of the standard atmosphere, which is in error by up to 4 %.
 """
@@ -86,8 +86,8 @@ _KEPT = ("air_temperature", "reported_airspeed", "reported_heading")
 _FOR_DERIVED_WIND = ("magnetic_heading", "ground_speed", "track", "indicated_airspeed", "mach")
 # Names are padded with NULs (fixed-width fields) and no-break spaces (spreadsheets).
 _PADDING = string.whitespace + "\xa0\x00"
-_MANY = 0.5  # share of impossible values from which on the mistake is looked for
-_ORIGIN = 1e-6  # degrees: a position nearer to 0 N 0 E than this is an unset one
+_MANY = 0.5  # share of impossible values above which the likely mistake is searched for
+_ORIGIN = 1e-6  # degrees: positions nearer to 0 N 0 E than this were not set
 
 
 def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
@@ -169,7 +169,7 @@ def _number(raw: pd.DataFrame, name: str, audit: Audit) -> Array:
 
 
 def _name_mistake(name: str, values: Array, bad: NDArray[np.bool_], audit: Audit) -> None:
-    """Name the mistake under which values, of which many are impossible, all become possible."""
+    """Name the mistake that explains many impossible values: undone, all become possible."""
     low, high = LIMITS[name]
     if np.count_nonzero(bad) < _MANY * np.count_nonzero(np.isfinite(values)):
         return

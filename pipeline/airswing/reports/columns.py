@@ -1,11 +1,11 @@
 """Columns of a report table: canonical names and units, and mappings of other names and units.
 
 A canonical name is a quantity of the table ``columns.csv`` with its unit at the end
-(``wind_speed_kt``); with another unit at the end it is understood without a mapping. Tables of
-programs in use are recognised by the names of their columns (:data:`LAYOUTS`). The forms of a
-mapping are those of ``docs/formats.md``, and ``name: {only: [value, ...]}``: reports with another
-value in that column are left out. The limits of pressure are those of the standard atmosphere at
-the limits of pressure altitude.
+(``wind_speed_kt``); with another unit at the end it needs no mapping. Tables of programs in use are
+recognised by the names of their columns (:data:`LAYOUTS`). The forms of a mapping are those of
+``docs/formats.md``, and ``name: {only: [value, ...]}``: reports with another value in that column
+are left out. The limits of pressure are those of the standard atmosphere at the limits of pressure
+altitude.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Source:
     column: str  # in the file
     factor: float = 1.0  # value * factor + offset is in SI (or degrees); 1 and 0 for text
     offset: float = 0.0
-    others: tuple[str, ...] = ()  # used in rows where the first holds nothing
+    others: tuple[str, ...] = ()  # used in rows where the first is empty
     parts: tuple[str, ...] = ()  # appended to the first in a time made of several columns
     format: str | None = None  # of a time
     value: str | float | None = None  # the same for every report, before factor and offset
@@ -273,7 +273,7 @@ def _known_names() -> dict[str, tuple[Quantity, str]]:
 
 @cache
 def conversion(unit: str, si_unit: str) -> tuple[float, float]:
-    """Factor and offset from a unit to another; pint's errors where there is none."""
+    """Factor and offset from a unit to another; raises pint's errors if there is none."""
     quantity = registry().Quantity
     unit = _SPELLINGS.get(unit.strip(), unit.strip())
     zero, one = (quantity(value, unit).to(si_unit).magnitude for value in (0.0, 1.0))
@@ -347,7 +347,7 @@ def _absent(
 ) -> InputError:
     folded = {name.strip().lower(): name for name in (names if free is None else free)}
     folded = {key: name for key, name in folded.items() if len(key) > 1}
-    # Looser than the library's 0.6: two names of one column share little but a stem.
+    # Lower than the library's 0.6: two names of one column often share only a stem.
     near = difflib.get_close_matches(wanted.lower(), list(folded), n=3, cutoff=0.4)
     stem = wanted.split("_")[0].lower()
     near += [key for key in folded if key not in near and (stem in key or key[:3] == stem[:3])]

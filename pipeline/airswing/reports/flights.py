@@ -1,11 +1,11 @@
 """Flights and phases of flight where the source does not report them, of ordered reports.
 
 1. Paths. Where an aircraft's reports jump or its flight labels alternate, each report is added to
-   the nearest path flown in the last 6 hours that has no other label and that it can have come from
-   without a jump; otherwise it begins a new path.
+   the nearest path of the last 6 hours that has no other label and that it continues without a
+   jump; otherwise it begins a new path.
 2. Labels. A report without a flight label gets the common label of the labelled reports before and
-   after it on its path, if these are less than 6 hours apart; else that of the nearer one to which
-   no gap, stop or jump lies between.
+   after it on its path, if these are less than 6 hours apart; else that of the nearer one not
+   separated by a gap, stop or jump.
 3. Flights. Reports with one label are one flight until a gap of more than 6 hours; without a label
    until a gap over 45 minutes, a ground stop or a jump.
 4. Phases. The climb rate is the slope of pressure altitude between neighbours at least 30 s away on
@@ -68,7 +68,7 @@ def derive_flight(columns: Columns) -> NDArray[np.int32]:
 
 
 def _steps(columns: Columns, order: Index) -> tuple[Floats, Floats, Mask]:
-    """Time (s) and distance (m) between successive reports, and what ends an unlabelled flight."""
+    """Time (s) and distance (m) between successive reports, and where an unlabelled flight ends."""
     gap = np.diff(seconds_since_1970(columns["time"])[order])
     distance = step_distance(columns["latitude"][order], columns["longitude"][order])
     stop = (gap >= STOP_TIME) & (distance < STOP_SPEED * gap)
@@ -88,7 +88,7 @@ def _paths(columns: Columns) -> Integers:
 
 
 def _alternating(columns: Columns) -> Integers:
-    """Reports whose label was last reported within the gap of a flight, but another one since."""
+    """Reports whose label reappears within the gap of a flight after another label."""
     known = np.flatnonzero(columns["flight"] >= 0)
     tail, label = columns["tail"][known], columns["flight"][known]
     order = np.lexsort((label, tail))

@@ -1,7 +1,7 @@
 """Proposal of a column mapping for an unknown report table, to be pasted into a configuration.
 
 The quantity of a column follows from its name, its unit from the end of the name or from brackets
-in it. Where that leaves a choice the values decide, and the text marks the entry to be confirmed.
+in it. If several remain possible, the values decide, and the text marks the entry to be confirmed.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ Entry = str | dict[str, str]  # a canonical name, or one with its unit, parts or
 def propose_mapping(path: str | Path) -> dict[str, Any] | None:
     """Propose how an unknown CSV or Parquet table would be read; None for fewer than two columns.
 
-    Returns ``columns`` as ``reports.columns`` of the configuration takes them, ``yaml`` (the same
-    as text, with its guesses marked), ``unused`` (columns for which no quantity was found) and
-    ``missing`` (what is needed and was not found).
+    Returns ``columns`` in the form of ``reports.columns`` of the configuration, ``yaml`` (the same
+    as text, with guesses marked), ``unused`` (columns without a known quantity) and ``missing``
+    (required quantities that were not found).
     """
     table = first_rows(Path(path)).rename(columns=str)
     found: dict[str, str] = {}
@@ -117,11 +117,11 @@ def _stem(column: str) -> str | None:
 def _time(
     table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str]
 ) -> tuple[dict[str, Entry], Times | None]:
-    """Map the time's column, or the two that make it; the times of the rows, None without."""
+    """Map the column or the two columns of the time; return the times of the rows, or None."""
     candidates = [column for column in table.columns.tolist() if _stem(column) == "time"]
     dates = [c for c in candidates if re.search(r"date|day", c, re.I) and not _has_clock(table[c])]
     clocks = [c for c in candidates if c not in dates]
-    # A clock alone ("12:00:00") is no time, nor are seconds since the begin of a flight.
+    # A clock time without a date ("12:00:00") is not enough, nor are seconds since the start.
     whole = {c: float(np.mean(possible(parse_times(table[c])[0]))) for c in clocks}
     best = max(whole, key=lambda column: whole[column], default=None)
     if dates and clocks and (best is None or whole[best] == 0.0):
@@ -198,7 +198,7 @@ def _written_unit(column: str, si_unit: str) -> str | None:
 def _entry(
     quantity: Quantity, column: str, values: Column, speed: float, remarks: dict[str, str]
 ) -> Entry:
-    """What a column of numbers is mapped to; remarks on the unit where it is a guess."""
+    """Map a column of numbers, with a remark where its unit is a guess."""
     known = split_name(column.strip())
     largest, remark = float(values.abs().max()), ""
     unit: str | None = None  # that of the canonical name

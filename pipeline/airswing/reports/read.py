@@ -1,4 +1,4 @@
-"""Read aircraft reports of any known format, which follows from the content of a file.
+"""Read aircraft reports of any known format, recognised by the content of a file.
 
 A file that cannot be read to its end counts as not read at all.
 """
@@ -31,8 +31,8 @@ Policy = Literal["skip", "fail"]
 
 _UNPACK = "Unpack it first and name the files in it"
 _TABLE = "Save the reports as a CSV or Parquet table, or as one of the formats that are read"
-# Files that are no reports: how they begin (without a byte order mark and blanks), what they are,
-# and what to do with them.
+# Files that are not reports: their first bytes (after a byte order mark and blanks), their kind,
+# and the remedy.
 _NO_REPORTS = (
     (
         rb"PK\x03\x04(?s:.*)(\[Content_Types\]\.xml|xl/)",
@@ -46,7 +46,7 @@ _NO_REPORTS = (
         "is a Python pickle, which is not opened because it may run code",
         _TABLE,
     ),
-    # Text may speak of GRIB: the length and edition follow.
+    # Text may contain the word GRIB; in a message length and edition follow it.
     (
         rb"(?s:.{,4092}?GRIB(?:\x00|...[\x01\x02]))",
         "is a GRIB file, not reports",
@@ -254,7 +254,7 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
 
 
 def expand(files: str | Path | Iterable[str | Path], field: str = "reports.files") -> list[Path]:
-    """The paths that names and globs stand for, each once; InputError if one matches nothing."""
+    """The paths that match names and globs, each once; InputError if one matches nothing."""
     patterns = [files] if isinstance(files, str | Path) else list(files)
     found: dict[str, None] = {}
     for pattern in patterns:
@@ -272,7 +272,7 @@ def expand(files: str | Path | Iterable[str | Path], field: str = "reports.files
 
 
 def none_usable(audit: Audit) -> InputError:
-    """Return the error that says why no report is usable."""
+    """Return the error that states why no report is usable."""
     reasons = ", ".join(
         f"{reason} {n}{audit.likely(reason.removesuffix('_out_of_range'))}"
         for reason, n in audit.dropped.most_common()
@@ -294,7 +294,7 @@ def none_usable(audit: Audit) -> InputError:
 
 
 def none_read(errors: list[InputError]) -> InputError:
-    """Return the error that says why no file can be read, from one error a file."""
+    """Return the error that states why no file can be read, from one error for each file."""
     what = f"none of the {len(errors)} report files can be read; the first: {errors[0]}"
     return errors[0] if len(errors) == 1 else InputError(what, field="reports.files")
 
@@ -333,7 +333,7 @@ def _refusal_of(start: bytes, path: Path) -> InputError | None:
 
 
 def _pieces(name: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    """Raw pieces of a file; whatever a library raises at its content is a fault of the file."""
+    """Raw pieces of a file; any exception of a library about its content is an InputError."""
     one = formats()[name]
     with damage_named(path, one.title):
         yield from one.read(path, mapping, audit)

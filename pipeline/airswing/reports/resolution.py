@@ -18,7 +18,7 @@ from airswing.units import KNOT
 ARC_MINUTE = 1.0 / 60.0
 
 Steps = tuple[tuple[float, float], ...]
-"""Steps of a lattice, from coarse to fine, and how far off it a stored value may lie."""
+"""Steps of a lattice, from coarse to fine, and the tolerance of a stored value."""
 
 POSITION_STEPS: Steps = tuple(  # degrees
     (step, float(min(0.1 * step, max(0.04 * step, 7e-6))))
@@ -37,8 +37,8 @@ SPEED_STEPS: Steps = (
 DIRECTION_STEPS: Steps = tuple((step, 0.02 * step) for step in (10.0, 5.0, 1.0, 0.1, 0.01))
 """degrees"""
 SHARE = 0.9  # of values that must lie on a lattice
-FEWEST = 5  # values below which no lattice is looked for
-_MOST_REPORTS = 2000  # of an aircraft, evenly spread: a step shows in far fewer
+FEWEST = 5  # fewest values for a search of the step
+_MOST_REPORTS = 2000  # of an aircraft, evenly spread: far fewer suffice to find a step
 # Steps looked for, and the step of a fleet in which no aircraft has enough reports.
 _FIELDS: dict[str, tuple[Steps, float]] = {
     "position_resolution": (POSITION_STEPS, 0.01),
@@ -76,7 +76,7 @@ def resolutions(columns: Columns, row_size: Index) -> dict[str, Floats]:
         if name == "time_resolution":
             exact = _exact_clock(columns, step, number)
         if (absent := np.isnan(step)).any():
-            # The most frequent step of the fleet stands in where an aircraft has few reports.
+            # Where an aircraft has few reports, the most frequent step of the fleet is used.
             frequent, times = np.unique(step[~absent], return_counts=True)
             pooled = _coarsest(counts.sum(axis=0, keepdims=True), steps, 1)[0]
             step[absent] = frequent[np.argmax(times)] if frequent.size else min(pooled, usual)
@@ -119,7 +119,7 @@ def _exact_clock(columns: Columns, clock: Floats, number: int) -> Mask:
     gap = np.diff(seconds_since_1970(columns["time"]))
     speed = step_distance(columns["latitude"], columns["longitude"]) / np.where(gap > 0, gap, 1.0)
     twice = np.bincount(tail[1:][(gap == 0) & (np.diff(tail) == 0)], minlength=number)
-    # Within one flight: the mean speed over a landing means nothing.
+    # Within one flight: a mean speed that includes a landing is meaningless.
     leg = (gap > 0) & (gap < 1800.0) & (np.diff(tail) == 0) & (speed > 60.0)
     pair = np.flatnonzero(leg[1:] & leg[:-1])
     change = np.abs(np.log(speed[pair + 1] / speed[pair]))

@@ -34,7 +34,7 @@ _CALENDARS = ((10, "%Y%m%d%H"), (12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"))
 
 LARGEST_ROLL = 5.0  # degrees: limit of a good roll angle in AMDAR and ACARS
 
-# Codes by meaning; no code at all is the first of the meanings.
+# Codes by meaning; the first meaning applies without a code.
 _QC = {"missing": "-", "pass": "P PASS PASSED", "fail": "F FAIL FAILED"}
 _CODES = {
     "roll_flag": (

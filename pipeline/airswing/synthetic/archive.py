@@ -48,7 +48,7 @@ _PHASES = np.array(["", "ascent", "cruise", "descent"])
 
 @dataclass(frozen=True)
 class Scenario:
-    """Everything an archive follows from."""
+    """Parameters that determine an archive."""
 
     days: int = 45
     aircraft: int = 14
@@ -141,8 +141,8 @@ def simulate(
 def simulate_arrays(*, effects: Effects = (), **options: Any) -> pd.DataFrame:
     """An archive as one table with the models' winds, without writing a file.
 
-    The models' winds are those of an exact reader of the files: the same packed grids,
-    bilinear, linear in ln p and in time, rotated to true east and north.
+    The models' winds equal an exact interpolation of the files: the same packed grids, bilinear,
+    linear in ln p and in time, rotated to true east and north.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def write_archive(
     'config.yaml'
     """
     root = Path(directory)
-    root.mkdir(parents=True, exist_ok=True)  # where that fails, nothing is flown first
+    root.mkdir(parents=True, exist_ok=True)  # fails before any flight is simulated
     scenario = Scenario(**options)
     if effects is None:
         effects = fleet_deviations(scenario.tails, scenario.seed)

@@ -2,11 +2,11 @@
 
 A random wind field is a sum of M plane waves exp(i (k x + l y + m zeta - omega t)) whose amplitudes
 are fixed, or first-order autoregressive in time. Wave numbers follow the Gaussian spectrum of a
-length: another covariance than the exponential one that the fit assumes, on purpose. True wind =
-westerly jet + baroclinic waves + mesoscale motion. A model has the first two exactly, the mesoscale
-as far as it resolves it, and an error that all aircraft share. Perfect instruments disagree with a
-model by 6 kt, a fleet with ordinary compass errors by 7 to 9 kt, as in the field test of the TAMDAR
-compass paper. Valid from 200 to 1000 hPa over 5000 km.
+length: deliberately not the exponential covariance that the fit assumes. True wind = westerly jet +
+baroclinic waves + mesoscale motion. A model contains the first two exactly, the resolved part of
+the mesoscale, and an error that all aircraft share. Perfect instruments disagree with a model by 6
+kt, a fleet with ordinary compass errors by 7 to 9 kt, as in the field test of the TAMDAR compass
+paper. Valid from 200 to 1000 hPa over 5000 km.
 
 Units: km, hours since the start of the archive, zeta = ln(p / 1000 hPa), m/s.
 """
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Fields = NDArray[np.float32]
-_POINTS_AT_ONCE = 8192  # each meets every wave
+_POINTS_AT_ONCE = 8192  # points; the arrays hold every wave at each
 _HOURS_AT_ONCE = 64
 # h around the archive that amplitudes cover.
 _BEFORE, _AFTER = 12.0, 24.0

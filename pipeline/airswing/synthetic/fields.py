@@ -1,8 +1,8 @@
 """Gridded winds of the sample's models: grid, stored fields, sampling, GRIB files.
 
-Tangent Lambert cone on a sphere, regular times, isobaric levels of whole hPa. Winds are kept as
-they are written: along the grid or the earth, rounded to the packing's decimal; GRIB1 as of the
-RUC, GRIB2 as of RTFDAA. Sampling is bilinear on the grid, linear in ln p and in time.
+Tangent Lambert cone on a sphere, regular times, isobaric levels of whole hPa. Winds are stored as
+in the files: along the grid or earth-relative, rounded to the packing's decimal; GRIB1 for the RUC,
+GRIB2 for RTFDAA. Sampling is bilinear on the grid, linear in ln p and in time.
 
 Units: degrees and m for grids, hPa, hours since the start of the archive, m/s.
 """
@@ -164,7 +164,7 @@ def sample_reference(
 ) -> Array:
     """True wind (2, n) of a model at points (degrees, hPa, hours), m/s; NaN outside.
 
-    ``shift`` are rows and columns to look away from each point.
+    ``shift`` is the displacement of each point in rows and columns.
     """
     grid = stored.grid
     row, column = grid.indices(latitude, longitude)

@@ -3,8 +3,9 @@
 Each aircraft has a home hub and an axis along which most flights go out and back. A flight is
 steered over the ellipsoid: climb-out, turn to course, a way point off the direct line, arrival fix,
 last turn; turns are coordinated. Ground speed follows the airspeed schedule and the large-scale
-wind, so the exact airspeed vector (ground minus true wind) carries the mesoscale too. A tour, for a
-day of real model winds, is a day of straight legs spread evenly over the compass, without landing.
+wind, so the exact airspeed vector (ground minus true wind) also contains the mesoscale. A tour, for
+a day of real model winds, is a day of straight legs spread evenly over the compass, without
+landing.
 
 Units: SI, degrees for places, radians for angles, hours since the start of the archive.
 """
@@ -216,7 +217,7 @@ def fly(table: Timetable, wind: Wind, *, seed: int) -> Flown:
         airspeed = np.where(phase == ASCENT, climbing, np.where(phase == CRUISE, top, sinking))
         along = breeze[0] * np.sin(track) + breeze[1] * np.cos(track)
         across = breeze[0] * np.cos(track) - breeze[1] * np.sin(track)
-        # The root stays real in a gale at take-off.
+        # The argument of the root remains positive in a gale at take-off.
         ground = along + np.sqrt(np.maximum(airspeed**2 - across**2, 100.0))
         # m s-2; drag slows more than thrust accelerates.
         pull = np.clip((ground - speed) / 45.0, -0.35, 0.3)

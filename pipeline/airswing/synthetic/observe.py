@@ -94,7 +94,7 @@ def observe(
     """
     tail, tails, faults = flown.aircraft[flight], units.tails, units.faults
     here = _state(flown, flight, step.astype(float), wind, field)
-    lag = np.zeros(step.size)  # steps that each wind is behind its position and time
+    lag = np.zeros(step.size)  # delay of each wind after its position and time, steps
     for fault in faults:
         if fault.name == "time_lag":
             lag[acts(fault, tail, here["hours"], tails)] += fault.value("offset_s") / STEP

@@ -6,12 +6,12 @@ is scaled to the stated root mean square over the reports where the effect acts.
 scatter changes no mean: it clips, rounds or jitters winds. Cyclic variables are taken as fractions
 of their turn, the others as their place between the 2nd and 98th percentile of the archive.
 
-Truth: named effects are written here once more, apart from the diagnosis; least squares by aircraft
-gives the share of a change they explain. A variable carries the share of the signed size of the
-change that the means over its bins explain. An effect is fit for a case when it changes reports by
-`LEAST_SIZE` and more, its sum of squares exceeds `LEAST_ENERGY` (a single known curve is then four
-standard errors), and named effects explain less than `MOST_NAMED` of it.
-Units: SI and radians; kt and degrees where a name says so.
+Truth: named effects are implemented here again, independent of the diagnosis; least squares by
+aircraft gives the share of a change they explain. The share of a variable is the part of the signed
+size of the change that the means over its bins explain. An effect is suitable for a case when it
+changes reports by `LEAST_SIZE` and more, its sum of squares exceeds `LEAST_ENERGY` (a single known
+curve is then four standard errors), and named effects explain less than `MOST_NAMED` of it. Units:
+SI and radians; kt and degrees where a name says so.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def part_values(part: Value, variables: Variables) -> Array:
         value = np.mod(values / CYCLIC[name], 1.0)
         away = np.mod(value - at + 0.5, 1.0) - 0.5
     else:
-        # The outermost reports would stretch the scale of places and widths.
+        # The outermost reports would widen the scale of positions and widths.
         low, middle, high = np.quantile(values, [0.02, at, 0.98])
         width = max(high - low, 1e-12)
         value = np.clip((values - low) / width, 0.0, 1.0)
@@ -231,7 +231,7 @@ LEAST_ENERGY = 400.0
 LEAST_SIZE = 0.3
 """m/s, root mean square where the effect acts."""
 WORTH_KT = 0.1
-"""A closure that must not be missed, kt."""
+"""Least closure that a diagnosis must detect, kt."""
 MOST_NAMED = 0.35
 """Largest share of the energy that named effects may explain."""
 BINS = 36
@@ -281,7 +281,7 @@ def outside_truth(
 
 
 def is_fit(truth: OutsideTruth) -> bool:
-    """Whether an outside effect is fit for a case."""
+    """Whether an outside effect is suitable for a case."""
     return bool(
         truth["reports"] * truth["size_m_s"] ** 2 >= LEAST_ENERGY
         and truth["size_m_s"] >= LEAST_SIZE
@@ -318,7 +318,7 @@ def named_share(
         forms = _named_forms({k: values[rows] for k, values in variables.items()}, u[rows], v[rows])
         design = forms.reshape(len(forms), -1).T
         target = change[rows].ravel()
-        # Forms are alike where few headings are flown: singular values near zero do not count.
+        # With few headings the forms are nearly collinear: singular values near zero are omitted.
         solution = np.linalg.lstsq(design, target, rcond=1e-9)[0]
         explained += float((target**2).sum() - ((target - design @ solution) ** 2).sum())
     return explained / total

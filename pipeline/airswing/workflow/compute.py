@@ -1,4 +1,4 @@
-"""Where the work runs: threads or processes of this machine, or a dask scheduler at an address.
+"""Computing resources: threads or processes of this machine, or a dask scheduler at an address.
 
 Every stage builds dask graphs and leaves the choice of scheduler to this module, so that the same
 code runs in all three places with the same results. Workers at an address must see the files under
@@ -30,13 +30,13 @@ _AGAIN = "then run the same command again: finished months are kept"
 
 @contextlib.contextmanager
 def scheduler(compute: Compute, progress: Progress) -> Iterator[None]:
-    """Make every dask computation inside the block run where the configuration says.
+    """Run every dask computation inside the block on the configured resources.
 
     Raises
     ------
     InputError
-        If the scheduler cannot be reached or is lost, if workers have another airswing, or if a
-        worker process ends.
+        If the scheduler cannot be reached or is lost, if workers have another version of airswing,
+        or if a worker process ends.
     """
     if compute.scheduler is not None:
         with _at_address(compute.scheduler, progress):

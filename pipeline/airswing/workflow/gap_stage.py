@@ -1,11 +1,11 @@
 """The stages of the gap: simulate the reports; diagnose where and why the real ones differ.
 
-Assumes the configuration of the main job, and works on its headings; months of them that are not
-there, or whose inputs changed, are made as the main job makes them. A diagnosis starts from the
-perfect instrument, from known effects, which are removed from the reports, or from the reports of
-another simulation: on the paths of the archive their wind replaces the wind of the reference; on
-other paths the simulation is diagnosed like an archive, against model winds at its positions, and
-its effects on the whole fleet and on aircraft in both are known effects of the archive.
+Assumes the configuration of the main job, and works on its headings; months that are missing, or
+whose inputs changed, are made as by the main job. A diagnosis starts from the perfect instrument,
+from known effects, which are removed from the reports, or from the reports of another simulation:
+on the paths of the archive their wind replaces the wind of the reference; on other paths the
+simulation is diagnosed like an archive, against model winds at its positions, and its effects on
+the whole fleet and on aircraft in both are known effects of the archive.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _SIMULATION_FOLDER = ".simulation"
 
 def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -> Path:
     """Simulate the archive's reports, with the effects of a file, and write a CSV or Parquet."""
-    output = report_path(output)  # before an archive is read for nothing
+    output = report_path(output)  # refuse a wrong name before the archive is read
     active = read_effects(effects) if effects is not None else []
     headings = make_headings(job)
     members = job.pools[job.config.gap_reference()]
@@ -95,9 +95,9 @@ def diagnosis(
     Raises
     ------
     InputError
-        If an effect to do without is unknown, or what the diagnosis starts from cannot be read.
+        If an effect to withhold is unknown, or the starting point cannot be read.
     """
-    # before anything is read: a mistyped file must not cost the hour that headings may take
+    # checked before anything is read, because headings may take an hour
     for name in without:
         if name not in CATALOGUE:
             raise InputError(
@@ -124,7 +124,7 @@ def diagnosis(
             findings.append(f"{number} unexplained error{'s' if number > 1 else ''}")
         stage.note = ", ".join(findings) or "no missing effect found"
     with job.progress.stage("claims") as stage:
-        # without the effects other than deviation
+        # refit without the effects other than deviation
         config, test = job.config, job.config.field_test
         claims = review_claims(
             headings,
@@ -225,7 +225,7 @@ class Start:
 def starting_point(
     job: Job, *, known: Path | None = None, simulated: str | None = None
 ) -> Callable[[Frame], Start]:
-    """Read where a diagnosis starts from; return what makes the start of the archive's reports.
+    """Read the starting point of a diagnosis; return a function that makes it from the archive.
 
     Parameters as of `diagnosis`.
 
@@ -250,7 +250,7 @@ def starting_point(
 
 
 def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, strict: bool) -> Start:
-    """Remove effects; those of aircraft that are not in the archive are refused or left out."""
+    """Remove effects; those of aircraft that are not in the archive are refused or omitted."""
     removed = list(effects)
     if not strict:
         removed, tails = [], start.frame.tails

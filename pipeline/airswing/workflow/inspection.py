@@ -1,4 +1,4 @@
-"""What a file holds, judged by its content: model winds, aircraft reports, a product of airswing.
+"""Summary of a file by its content: model winds, aircraft reports, or a product of airswing.
 
 Assumes that the first bytes show the kind; names are not used.
 """
@@ -14,7 +14,7 @@ from airswing.reference.inspection import inspect_grib, inspect_gridded
 from airswing.reports.mapping_proposal import propose_mapping
 from airswing.reports.read import reports_summary
 
-_LONGEST_LIST = 20  # numbers that are shown of a list
+_LONGEST_LIST = 20  # most numbers of a list that are shown
 
 
 def inspect_file(path: Path) -> dict[str, object]:
@@ -49,7 +49,7 @@ def _content(path: Path) -> tuple[str, dict[str, object]]:
         except InputError as error:
             if not error.what.startswith(("no wind on", "holds observations")):
                 no_winds = error
-    elif b"GRIB" in start and b"\x00" in start:  # text may speak of GRIB
+    elif b"GRIB" in start and b"\x00" in start:  # text may contain the word GRIB
         return "grib", inspect_grib(path)
     try:
         return "reports", reports_summary(path)
@@ -63,7 +63,7 @@ def _content(path: Path) -> tuple[str, dict[str, object]]:
 
 
 def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
-    """The mapping an unknown table would be read with, and what it then holds; None for others."""
+    """Proposed mapping of an unknown table, and its content with it; None for other files."""
     if "column" not in error.what and "is there" not in error.what:
         return None
     try:

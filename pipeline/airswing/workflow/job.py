@@ -30,7 +30,7 @@ class Job:
     config: Config
     progress: Progress
     fresh: bool = False  # make every month anew
-    # what one stage has computed and a later one of the same run needs
+    # results of one stage that a later one of the same run needs
     shared: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -61,7 +61,7 @@ class Job:
 
     @property
     def notes(self) -> Path:
-        """Folder of notes on the files used, for the next run."""
+        """Folder of records of the files used, for the next run."""
         return self.output / ".airswing"
 
     @property
@@ -71,7 +71,7 @@ class Job:
 
     @property
     def reference(self) -> str:
-        """Whose fits correct the winds."""
+        """Reference or pool whose fits correct the winds."""
         return self.config.main_reference()
 
     @property

@@ -48,7 +48,7 @@ class Results:
     fits : Dataset
         Deviations and tables of every aircraft.
     evaluation : Evaluation
-        What judges the corrections.
+        Evaluation of the corrections.
     summary : dict
         What ``airswing run --json`` prints.
     months : dict of str to list of str
@@ -96,7 +96,7 @@ def run(
     quiet: bool = True,
     scheduler: str | None = None,
 ) -> Results:
-    """Do the main job: every stage, every product, the page.
+    """Run every stage and write every product and the page.
 
     Parameters
     ----------

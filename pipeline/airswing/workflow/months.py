@@ -1,13 +1,13 @@
 """Headings by month: the month is the unit of work of a run.
 
-A month (UTC) has the flights whose first report lies in it, whole: it is made from the reports of
-the month and `MARGIN` around it, and written as ``headings/2008-07.nc``. What it was made from is
-noted: the reports (a hash of their rows by day, whatever files they came in), the model files
-(path, size and time of change), the settings and the code. A month whose note holds is kept.
+A month (UTC) contains the complete flights whose first report lies in it: it is made from the
+reports of the month and `MARGIN` around it, and written as ``headings/2008-07.nc``. Its inputs are
+recorded: the reports (a hash of their rows by day, independent of their files), the model files
+(path, size and time of change), the settings and the code. A month with unchanged inputs is kept.
 
 Assumes that a file that keeps its path, size and time of change keeps its content, and that no
 flight lasts longer than `MARGIN`. Whether reported headings and airspeeds are used is judged month
-by month. A month is made anew for model files that are new, not for those that are gone.
+by month. New model files cause a month to be remade, removed ones do not.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from airswing.reports.read import none_read, none_usable
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
 
 MARGIN = np.timedelta64(48, "h")
-"""Reports around a month that its flights may have."""
+"""Time around a month in which its flights may have reports."""
 _CHECKED_FIRST = 100_000
 """Reports whose times and places are compared with the models before anything is decoded."""
 
@@ -86,7 +86,7 @@ def make_headings(job: Job) -> xr.Dataset:
     }
     months = [_Month(job, name, archive, models, settings) for name in archive.months()]
     if models and not any(month.before.get("product") for month in months):
-        # refuse reports and models that never meet before hours of reading
+        # refuse reports and models without overlap before hours of reading
         for most in (_CHECKED_FIRST, archive.count):
             gap = config.collocation.max_time_gap
             overlaps = overlap(archive.places(most), models, max_time_gap=gap)
@@ -154,7 +154,7 @@ class ReportArchive:
         self.keep_notes()
 
     def _noted(self) -> dict[Identity, tuple[Days, Audit]]:
-        """What earlier runs noted of files; empty where nothing of it holds."""
+        """Records of files from earlier runs; empty if they are invalid."""
         content = read_note(self._note)
         if content.get("key") != self._key:
             return {}
@@ -229,7 +229,7 @@ class ReportArchive:
         return found
 
     def release(self, month: str) -> None:
-        """Forget the reports of files that no month after this one needs."""
+        """Drop the reports of files that no later month needs."""
         first, _ = self._days_around(str(np.datetime64(month, "M") + 1))
         for identity in list(self._frames):
             if max(self.files[identity], default=first) < first:
@@ -248,10 +248,10 @@ class ReportArchive:
         return xr.Dataset({name: ("report", values) for name, values in every.items()})
 
     def audit_of(self, headings: xr.Dataset) -> Audit:
-        """Counts of the reading of all files, and of what the assembly of the months left out."""
+        """Counts of the reading of all files, and of the assembly of the months."""
         found, assembled = Audit(), Audit.from_dict(tally(headings, "reading_audit"))
         found.add(self.audit)
-        assembled.read = 0  # they were read once, and are counted with their files
+        assembled.read = 0  # reports read are counted with their files
         found.add(assembled)
         found.similar_tails = similar(map(str, headings["aircraft"].to_numpy()))
         return found
@@ -314,7 +314,7 @@ def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) 
 
 
 class _Month:
-    """One month of a run: its inputs, and what an earlier run made of them."""
+    """One month of a run: its inputs, and the results of an earlier run."""
 
     def __init__(
         self,
@@ -340,7 +340,7 @@ class _Month:
             },
             "settings": settings,
         }
-        # note of an earlier run, where it holds but for the screening; else empty
+        # record of an earlier run if only the screening differs; else empty
         self.before = {} if job.fresh else read_note(self._note_path)
         if not self._holds():
             self.before = {}
@@ -382,7 +382,7 @@ class _Month:
             headings = self._collocated()
         uuid = "" if headings is None else self._write(headings)
         self.before = {**self.note, "product": uuid}
-        # a run whose model files were lost on the way is not to be kept by the next
+        # a month whose model files were lost during the run must be remade by the next
         if not self.lost:
             write_json(self._note_path, self.before)
 
@@ -390,7 +390,7 @@ class _Month:
         """Screen and write the month; the identifier of the product."""
         test, attrs, config = self.job.config.field_test, headings.attrs, self.job.config
         with self.job.progress.stage(f"headings {self.name}") as stage:
-            # reports and winds are in memory here, which other processes do not share
+            # threads only: reports and winds are in memory, which other processes do not share
             screened = screen(headings, **config.screening.model_dump())
             headings = screened.compute(scheduler="threads")
             if test is not None:

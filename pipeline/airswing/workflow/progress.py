@@ -1,4 +1,4 @@
-"""Progress, messages and accounts on standard error; standard output carries results alone.
+"""Progress, messages and accounts on standard error; only results go to standard output.
 
 Assumes one run at a time in a process. Quiet mode prints errors only.
 """
@@ -58,7 +58,7 @@ class Progress:
 
     quiet: bool = False
     records: list[StageRecord] = field(default_factory=list)  # of the finished stages
-    threads: int = 1  # that work at a time, on all workers
+    threads: int = 1  # working at a time, on all workers
 
     def say(self, text: str) -> None:
         """Print one line to standard error, unless quiet."""
@@ -159,7 +159,7 @@ class Tasks(Callback):
 
 
 def _release_memory() -> None:
-    """Give free memory back to the system where the libraries keep it (HDF5, glibc, Arrow).
+    """Return free memory that libraries keep (HDF5, glibc, Arrow) to the system.
 
     HDF5 keeps chunks of every variable that was read of an open file, 1 GB for a year of months;
     xarray opens files again when they are read. Arrow keeps 100 MB for the rest of a run after

@@ -69,9 +69,9 @@ from airswing.workflow.months import catalogues
 
 Found = TypeVar("Found")
 _LEARNED_SHARE = 2.0 / 3.0
-"""Share of the days a correction is learned from where no field test gives a date."""
+"""Share of the days that corrections are fitted to, without a field test."""
 _MOST_DAYS_BY_MONTH = 400
-"""Days of the longest archive whose stability is shown by month; longer ones go by quarter."""
+"""Days of the longest archive whose stability is shown by month; longer ones by quarter."""
 
 
 # --- fit and correction ------------------------------------------------------------------------
@@ -123,7 +123,7 @@ def make_corrected(
     fitted, method = job.ready(fits, FITS), job.config.correction.method
     folder = product_path(job.output, HEADINGS)
     if not folder.exists():
-        job.ready(None, HEADINGS)  # says what is missing
+        job.ready(None, HEADINGS)  # raises if missing
     months = sorted(folder.glob("*.nc")) if folder.is_dir() else [folder]
     title = "Aircraft reports with winds corrected for compass deviation"
     with job.progress.stage("correct") as stage:
@@ -275,10 +275,10 @@ def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Conte
 def virtual_of_month(
     job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[Content]
 ) -> Content:
-    """The virtual field test, made anew when a month begins or an earlier month was made anew.
+    """The virtual field test, remade when a month begins or an earlier month was remade.
 
-    It fits the earlier reports again: a night that adds to the last month alone keeps that of the
-    last time.
+    It fits the earlier reports again, so a run that adds only to the last month keeps the earlier
+    result.
     """
     note, made = _months_note(job, headings)
     names = note["months"]
@@ -296,11 +296,11 @@ def virtual_of_month(
 def make_virtual(
     job: Job, headings: xr.Dataset, fits: xr.Dataset, ranking: list[Content]
 ) -> Content:
-    """Corrections learned from one part and judged on another: ``virtual_field_test.json``.
+    """Corrections fitted to one part and tested on another: ``virtual_field_test.json``.
 
-    ``later``: learned up to the start of the field test and applied to the aircraft that were not
-    corrected in it; without a field test learned from the first two thirds of the days.
-    ``held_out``: cross-validation over days. Where one of them cannot be computed it says why.
+    ``later``: fitted up to the start of the field test and applied to the aircraft that were not
+    corrected in it; without a field test fitted to the first two thirds of the days. ``held_out``:
+    cross-validation over days. If one cannot be computed, it states the reason.
     """
     config, test = job.config, job.config.field_test
     if test is None:
@@ -381,8 +381,8 @@ def make_sensitivity(
 ) -> Content:
     """Every reference and pool fitted on the same reports: ``sensitivity.json``.
 
-    `intervals` also computes what hourly references lose where only every third or sixth hour is
-    used, which reads some of their files again. With one reference this is the whole result.
+    `intervals` also computes the error of hourly references of which only every third or sixth hour
+    is used, which reads some of their files again. With one reference this is the whole result.
     """
     config = job.config
     screened = job.ready(headings, HEADINGS)
@@ -427,7 +427,7 @@ def make_monitoring(
     """States of the aircraft and events: ``events.json``, and the page that shows them.
 
     An event that ``events.json`` of an earlier run has is not reported again. Corrected winds are
-    opened only where they are there.
+    used if they exist.
     """
     from airswing.report.run.changes import write_monitoring_page
 
@@ -472,16 +472,16 @@ def events_said(job: Job, number: int) -> None:
 def _tables_since(
     job: Job, headings: xr.Dataset, since: dict[str, str]
 ) -> dict[str, UnitTable | None]:
-    """Tables of aircraft whose compass changed, from the reports since; None where they are few.
+    """Tables of aircraft whose compass changed, from later reports; None with too few.
 
-    These aircraft are fitted alone: the others' evidence on the reference's error is left out,
-    which widens the tables' errors.
+    Only these aircraft are fitted: without the others the reference's error is less certain, which
+    increases the tables' standard errors.
     """
     if not since:
         return {}
     names = headings["aircraft"].to_numpy().astype(str)
     begin = np.array([since.get(name, "NaT") for name in names], dtype="datetime64[ns]")
-    # no time is later than a missing one
+    # a comparison with a missing time is false
     late = headings["time"].to_numpy() >= begin[aircraft_of_report(headings)]
     recent = some_reports(headings, late).isel(aircraft=np.isin(names, list(since))).load()
     now = tables_of(_fitted(job, recent).sel(reference=job.reference))

@@ -119,7 +119,7 @@ def collocate_track(
         if path.suffix.lower() not in TABLES:
             raise InputError("a track is a .csv or .parquet file", file=path)
     try:
-        # text as it is: identifiers with leading zeros stay what they are
+        # read as text, so that identifiers keep leading zeros
         table = (
             pd.read_csv(track, dtype=str, keep_default_na=False, comment="#")
             if track.suffix.lower() == ".csv"

@@ -76,7 +76,8 @@ def fit_deviation(
     pools : mapping of str to list of str, optional
         Name of a pool -> its references, fitted together.
     alone : bool
-        Also fit each reference separately (always done without pools). **options
+        Also fit each reference separately (always done without pools).
+    **options
         ``abscissa``, ``harmonics``, ``joint``, ``shared_error``, ``min_reports``,
         ``min_compass_points``: see :class:`airswing.compass.fit.acceptance.Options`.
 

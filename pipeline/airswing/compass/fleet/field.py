@@ -409,8 +409,8 @@ class Precision:
     weight : array, shape (n,)
         Inverse variance of each block.
     tied : array, shape (pieces,)
-        Posterior variance of a piece's error given its blocks. inverse : array, shape (segment,
-    nodes, nodes)
+        Posterior variance of a piece's error given its blocks.
+    inverse : array, shape (segment, nodes, nodes)
         Posterior covariance of the nodes.
     """
 

@@ -294,8 +294,7 @@ def find_events(
     found += [
         _step_event(alarm, aircraft, "disagreement_rose")
         for alarm in risen
-        # a decrease needs no action, and a step of the compass or the reference explains an
-        # increase
+        # a decrease needs no action, and a step explains an increase
         if alarm.step.change[0] > 0
         and not any(
             other.step.number == alarm.step.number

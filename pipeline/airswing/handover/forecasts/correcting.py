@@ -77,7 +77,8 @@ def correct_forecasts(
         Of the filter; chosen by variable on the training days when "auto", 0 where it does not
         help.
     training : float, default 0.5
-        Share of the days used for the choice. window : int, default 7
+        Share of the days used for the choice.
+    window : int, default 7
         Days of the running mean, and pairs of the mean of the last pairs.
 
     Returns

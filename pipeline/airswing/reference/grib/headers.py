@@ -126,11 +126,11 @@ class SkippedError(Exception):
 
 
 class GarbageError(Exception):
-    """Bytes that are no whole message."""
+    """Bytes that are not a whole message."""
 
 
 Parts = Iterator[tuple[int | None, Callable[[int], Field]]]
-"""For each field of a message its kind (None: another variable) and what reads the rest of it."""
+"""For each field of a message its kind (None: another variable) and a reader of its other keys."""
 
 
 class Window:
@@ -187,7 +187,7 @@ def whole_messages(
 ) -> Iterator[tuple[Window, int, int, int]]:
     """The opened file, and offset, edition and length of each whole message in it.
 
-    Counts in `skipped` what is no whole message.
+    Incomplete messages are counted in `skipped`.
     """
     with open(path, "rb", buffering=0) as file:
         window, at = Window(file.fileno()), 0

@@ -6,10 +6,10 @@ both give the same doubles. Everything else is decoded whole by ecCodes in a wor
 (`airswing.guarded`), because a damaged message may end the process. Files are not mapped: one that
 is cut short while it is read gives an error, not a killed process.
 
-One impossible value condemns its message: a damaged scale factor or a shifted stream of bits gives
-impossible winds in a message that looks sound. It is judged at 256 points of the grid, so that the
-verdict does not depend on the reports, and by the standard deviation of a component. Impossible
-values between these points give no value.
+A message with one impossible value is refused: a damaged scale factor or a shifted bit stream gives
+impossible winds in a message that looks valid. It is tested at 256 points of the grid, so that the
+result does not depend on the reports, and by the standard deviation of a component. Impossible
+values between these points become missing.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from airswing.reference.winds import PRESSURE, ModelTime, Request, limits
 MAX_SPREAD = 60.0  # m/s, standard deviation
 _PROBES = 256
 _CHANGED = "not the message the catalogue saw"
-_ABSENT = 1e300  # ecCodes is asked to put it where a point is missing; no field holds it
+_ABSENT = 1e300  # value that ecCodes returns for missing points; it does not occur in fields
 Job = tuple[bytes, int, Ints | None]
 """A message of one field, number of points of its grid, and places in its list of values."""
 KeyValue = int | float | str
@@ -97,7 +97,7 @@ class GribReader(Reader):
                 self.n_bytes += int(row["length"])
                 one, probed = values[: points.size], values[points.size :]
                 problem = ""
-                if probed.size:  # else its header allows credible values only
+                if probed.size:  # otherwise its header allows only possible values
                     low, high = limits(int(row["kind"]))
                     problem = _impossible(int(row["kind"]), probed)
                     with np.errstate(invalid="ignore"):

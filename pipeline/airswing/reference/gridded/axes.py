@@ -106,7 +106,7 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming) -> Axes:
             for axis in ("vertical", "time", "y", "x", "latitude", "longitude")
         }
     y, x = _horizontal(ds, parsed, found, naming)
-    # levels before members, since only levels may be without any mark
+    # levels before members, because only levels may lack any attribute
     left = [str(d) for d in parsed.dims if d not in (*y.dims, *x.dims)]
     vertical = _vertical(ds, parsed, found, left, naming)
     levels = [str(d) for d in vertical.dims] if vertical is not None else []
@@ -156,7 +156,7 @@ def _horizontal(
     asked = {"y": naming.y or naming.latitude, "x": naming.x or naming.longitude}
     named = {key: coordinate(ds, name, key) for key, name in asked.items() if name}
     y, x = (named.get(key, found[key]) for key in ("y", "x"))
-    # by axis first: a projected grid has y and x and also latitudes and longitudes of points
+    # by axis first: a projected grid has y and x in addition to latitudes and longitudes of points
     if y is None or x is None or y.ndim != 1 or x.ndim != 1:
         y, x = named.get("y", found["latitude"]), named.get("x", found["longitude"])
     cells = next((str(d) for d in parsed.dims if _CELLS.match(str(d))), "")
@@ -317,7 +317,7 @@ def _monotonic(one: xr.DataArray, unit: object, frame: Frame) -> NDArray[np.floa
 def _grib_projection(variable: xr.DataArray) -> str | None:
     """PROJ string by the GRIB keys that a decoder noted with a variable; None without them.
 
-    On a sphere of any radius: the points settle the scale.
+    For a sphere of any radius; the scale follows from the points.
     """
 
     def of(key: str) -> float:

@@ -1,9 +1,9 @@
 """Model files as lazy Datasets (NetCDF, WRF, Zarr, GRIB through cfgrib), and values at points.
 
-Leads stay numbers with their units. Winds in a group of a NetCDF file are read if one group alone
+Leads remain numbers with their units. Winds in a group of a NetCDF file are read if only one group
 holds winds. GRIB that the header scanner does not know is read by cfgrib in a worker process
 (`airswing.guarded`), which may end: its values are then missing, or the file cannot be opened. Each
-variable is opened by itself; the coefficients of native levels come from the messages' pv section.
+variable is opened separately; the coefficients of native levels come from the messages' pv section.
 
 Values are read chunk by chunk along time, member and level for several model times at once; of
 rows and columns the box around all points is read. So no chunk is decompressed twice for one batch.
@@ -49,8 +49,8 @@ from airswing.reference.winds import GIVEN, PRESSURE, ModelTime, Request, Stored
 
 ENGINES = ("auto", "grib", "cfgrib", "netcdf", "zarr", "wrf")
 NOTES, GRID, SKIPPED = "airswing_notes", "airswing_grid", "airswing_skipped"
-"""Encodings of a Dataset: choices made when it was opened; the grid section of its messages; what
-could not be read."""
+"""Encodings of a Dataset: choices made when it was opened; the grid section of its messages;
+unreadable content."""
 #: Feature types of CF, chapter 9: discrete samples, not fields.
 _OBSERVATIONS = ("point", "timeseries", "trajectory", "profile")
 _LOGGERS = ("metpy", "cfgrib", "cfgrib.dataset", "cfgrib.messages")
@@ -174,7 +174,7 @@ def _groups(group: Any) -> list[str]:
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Without what libraries warn and log of variables that are not needed or named by us."""
+    """Suppress warnings and logs of libraries; airswing reports unusable variables itself."""
     logs = [logging.getLogger(name) for name in _LOGGERS]
     before = [log.level for log in logs]
     for log in logs:

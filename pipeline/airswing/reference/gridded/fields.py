@@ -1,6 +1,6 @@
 """All winds of Datasets as rows of a catalogue: one a component, level, time and member.
 
-Of components known equally well on levels of one kind neither is chosen: the configuration decides.
+Components known equally well on levels of one kind are refused: the configuration must name one.
 Isobaric levels are in units of pressure or its logarithm (``atmosphere_ln_pressure_coordinate``);
 without units a name of pressure levels counts if the values are levels of aircraft in hPa or Pa.
 The pressure of native levels is a variable on them, or ``a + b ps`` by the CF formula terms of
@@ -59,7 +59,7 @@ from airswing.reference.winds import (
     on_one_grid,
 )
 
-# what attributes and coordinates of an unexpected kind lead to, here and in libraries
+# exceptions for attributes and coordinates of an unexpected kind, here and in libraries
 _FAULTS = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
 _NATIVE = ("hybrid", "sigma", "eta", "model_level", "generalvertical", "theta_level")
 # a pressure that is not that of the level, such as that above the ground
@@ -101,7 +101,7 @@ class Gathering:
         self._file = self._part = 0
 
     def add(self, number: int, parts: Sequence[xr.Dataset], path: str) -> None:
-        """Add the rows of one file; nothing of it if it is refused."""
+        """Add the rows of one file, or none of them if it is refused."""
         self._path, self._file, self._first = path, number, self._first or path
         rows, skipped = len(self._rows), len(self.skipped)
         try:
@@ -128,7 +128,7 @@ class Gathering:
             ) from error
 
     def table(self) -> Table:
-        """All rows, with a pressure for each native level that a formula gives one."""
+        """All rows, with a pressure for each native level that has a formula."""
         for key, name in self.naming.named():
             if name not in self._variables:
                 raise InputError(
@@ -193,7 +193,7 @@ class Gathering:
         self.skipped.append(skip(self._path, what, reason, count))
 
     def _add_dataset(self, ds: xr.Dataset) -> None:
-        """Wind fields of a CF Dataset, and what gives their pressure."""
+        """Wind fields of a CF Dataset, and the variables of their pressure."""
         naming, candidates = self.naming, components(ds, self.naming)
         for (what, reason), count in ds.encoding.get(SKIPPED, {}).items():
             self._skip(what, reason, count)
@@ -361,7 +361,7 @@ def _stored(
 ) -> StoredField:
     """How a variable is read: its dimensions, and the start of every chunk and the end along each.
 
-    Rows and columns count as one chunk: of these the box around the reports is read.
+    Rows and columns count as one chunk: the box around the reports is read from them.
     """
     if one.chunks is not None:
         lengths = [tuple(sizes) for sizes in one.chunks]
@@ -404,7 +404,7 @@ def _with_formula_pressures(table: Table) -> Table:
     if not levels.size or not surface.size:
         return rest
     names = ["valid", "lead", "member", "grid"]
-    # of several of one time the first stored field counts
+    # the first of several stored fields of one time is used
     last = pd.DataFrame({c: surface[c] for c in names} | {"row": np.arange(surface.size)})
     last = last.iloc[np.argsort(surface["offset"], kind="stable")].drop_duplicates(names)
     row = pd.DataFrame({c: levels[c] for c in names}).merge(last, "left", names)["row"]
@@ -420,7 +420,7 @@ def _with_formula_pressures(table: Table) -> Table:
 
 
 def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Naming) -> Levels:
-    if level is None:  # a coordinate of one value
+    if level is None:  # a scalar coordinate
         single = {
             str(key)
             for key, one in ds[name].coords.items()

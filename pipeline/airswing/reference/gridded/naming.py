@@ -1,4 +1,4 @@
-"""Variables of a Dataset that are wind components, their units, and what a configuration adds.
+"""Variables of a Dataset that are wind components, their units, and names in the configuration.
 
 A component is known by its `standard_name`, else by the parameter that a GRIB decoder noted, else
 by its name or long name, and then it must be a velocity. Its direction is that of the
@@ -72,7 +72,7 @@ class Naming:
 class Component(NamedTuple):
     """A variable that is a wind component: `number` 0 for u, 1 for v.
 
-    `tier` is how it is known, from 0 (by the configuration) to 4 (by its name).
+    `tier` is how it was recognised, from 0 (by the configuration) to 4 (by its name).
     """
 
     name: str
@@ -120,7 +120,7 @@ def along_grid(one: xr.DataArray, naming: Naming) -> tuple[bool | None, str]:
     if flag is not None:
         return bool(int(flag)), "the GRIB flag"
     if any(str(key).startswith("GRIB_") for key in one.attrs):
-        return None, ""  # a decoder's standard_name gives the parameter alone
+        return None, ""  # the standard_name of a decoder gives the parameter, not the direction
     standard = str(one.attrs.get("standard_name", ""))
     if standard in ALONG[0] | ALONG[1]:
         return True, f"standard_name {standard}"
@@ -157,7 +157,7 @@ def _factor(written: str, kind: str) -> float | None:
     try:
         unit = units(_ALIASES.get(written.lower(), written))
         return float((1.0 * unit).to(_KINDS[kind]).magnitude)
-    # what pint's parser raises on strings that are no units
+    # exceptions of pint's parser for strings that are not units
     except (pint.PintError, AssertionError, AttributeError, TypeError, ValueError, SyntaxError):
         return None
 

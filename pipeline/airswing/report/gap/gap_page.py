@@ -1,7 +1,7 @@
 """The page of a gap diagnosis, and a diagnosis that a notebook displays.
 
-Takes the content of ``gap.json`` (docs/formats.md) and the maps of ``gap.nc``. Whatever a file of
-another version lacks is omitted. ± and ranges in brackets are 95 % intervals throughout.
+Takes the content of ``gap.json`` (docs/formats.md) and the maps of ``gap.nc``. Content that a file
+of another version lacks is omitted. ± and ranges in brackets are 95 % intervals throughout.
 """
 
 from __future__ import annotations

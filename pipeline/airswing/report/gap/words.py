@@ -173,7 +173,7 @@ def period_text(effect: Entry) -> str:
 
 
 def who_text(effect: Entry, aircraft: int = 0, *, brief: bool = False) -> str:
-    """Return which of `aircraft` an effect acts on; `brief` counts more than two of them."""
+    """Return the aircraft that an effect acts on; `brief` gives the number of more than two."""
     names = effect.get("tails") or []
     if effect.get("scope") == "reference" or str(effect.get("name")).startswith("reference_"):
         return f"the reference {effect.get('reference') or ''}".strip()
@@ -242,7 +242,7 @@ def _unexplained(place: Entry) -> str:
 def start_words(
     known: Sequence[Entry] | None, simulation: Entry | None = None, units: Units = "kt"
 ) -> str:
-    """Return what a diagnosis compared the reports with; empty for a perfect instrument."""
+    """Return a description of the simulation in a diagnosis; empty for a perfect instrument."""
     text = ""
     if simulation:
         text = f"Compared with the simulation in {simulation['source']}"
@@ -304,7 +304,7 @@ def place_sentence(place: Entry, gap: Entry, *, units: Units = "kt") -> str:
 
 
 def caution_lines(gap: Entry, *, units: Units = "kt") -> list[str]:
-    """Return sentences on what is likely but not stated, and on what could remain unseen."""
+    """Return sentences on unconfirmed effects, and on those that could remain undetected."""
     lines = []
     for one in gap.get("unconfirmed") or ():
         if number(one["probability"]) >= 0.5:
@@ -324,7 +324,7 @@ def caution_lines(gap: Entry, *, units: Units = "kt") -> list[str]:
 def slice_words(entry: Entry) -> str:
     """Return a slice of the archive: variable and component, and the name of an aircraft.
 
-    The test of a variable concerns all its values, so none of them is named.
+    A variable is tested over all its values, so no value is named.
     """
     component = _component(entry.get("component", ""))
     text = entry["variable"].replace("_", " ") + (f", {component}" if component else "")

@@ -84,7 +84,7 @@ RC: dict[RcKeyType, str | float | bool] = {
 class CaptionedFigure(Figure):
     """A matplotlib figure with a caption, displayed as an image in a notebook.
 
-    ``caption`` says what it shows, with the number of reports or aircraft behind it.
+    ``caption`` describes it, with the number of reports or aircraft used.
     """
 
     caption: str = ""
@@ -171,14 +171,14 @@ def count_ticks(bar: Colorbar, most: float) -> None:
 
 
 def empty_figure(message: str) -> CaptionedFigure:
-    """Return a small figure that says why there is nothing to draw."""
+    """Return a small figure that states why there is nothing to draw."""
     figure, axes = panels(1.2)
     blank(axes, f"{message}.")
     return figure.say(f"{message} (n = 0).")
 
 
 def blank(axes: Axes, message: str) -> None:
-    """Say in an empty panel why it is empty."""
+    """State the reason in an empty panel."""
     axes.axis("off")
     look: dict[str, Any] = {"ha": "center", "va": "center", "color": SOFT, "wrap": True}
     axes.text(0.5, 0.5, message, transform=axes.transAxes, **look)

@@ -2,7 +2,7 @@
 
 :func:`draw_heading_error` draws the reports, binned medians, the fitted curve with its 95 %
 interval and the 8-point table in a panel. The interval of a median takes reports as independent;
-those of one flight are not, so it is too narrow and serves the eye alone. The interval of the curve
+those of one flight are not, so it is too narrow and only a visual guide. The interval of the curve
 is 1.96 standard errors of the covariance clustered by flight.
 """
 

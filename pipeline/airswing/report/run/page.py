@@ -89,7 +89,7 @@ def write_page(
         ``reference``: the fit of the headline; ``links``: more (label, relative address);
         ``warnings``: list of str; other plain values are listed under "This run".
     evaluation : Evaluation, optional
-        What is missing leaves its section out.
+        Sections without content are omitted.
     apart : BeforeAfter, optional
         Disagreement with the reference of the headline; computed from ``corrected`` by default.
     units : {"kt", "m/s"}, optional

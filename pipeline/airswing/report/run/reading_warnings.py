@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from airswing.reports.audit import AuditContent
 
 _GROUPS_SHOWN = 5
-# Keeps the attribute small where many messages are broken.
+# Limits the size of the attribute if many messages are damaged.
 _ENTRIES_KEPT = 200
 _REPEATED = "_column_repeated"
 # Reports left out or averaged because the configuration asks for it.
@@ -70,7 +70,7 @@ def reading_warnings(audit: AuditContent) -> list[str]:
 
 
 def model_warnings(skipped: Sequence[LeftOut]) -> list[str]:
-    """Return what was left out of model files, without messages that are no wind on levels."""
+    """Return the skipped content of model files, without messages that are not winds on levels."""
     # most files contain messages of other kinds ("wind"), so they cause no warning
     return model_reasons([entry for entry in skipped if entry["what"] != "wind"])
 
@@ -100,7 +100,7 @@ def reference_warnings(audits: Mapping[str, Any]) -> list[str]:
 
 
 def model_reasons(skipped: Sequence[LeftOut]) -> list[str]:
-    """Return what was left out of model files, a line a reason, the most files first."""
+    """Return the skipped content of model files, one line for each reason, most files first."""
     found: dict[tuple[str, str], list[LeftOut]] = defaultdict(list)
     for entry in skipped:
         found[entry["what"], entry["reason"]].append(entry)

@@ -1,4 +1,4 @@
-"""Which reports and which fit a figure shows; numbers of the page, and of a fit in words.
+"""Selection of reports and fits for figures; numbers of the page, and text on a fit.
 
 Reports are sorted by aircraft with ``row_size``; ``screening`` is 0 for the reports of the fit. The
 heading error of a pool is the mean over its members. Angles are degrees. Disagreement is the mean
@@ -45,7 +45,7 @@ def names_of(ds: xr.Dataset, coordinate: str = "aircraft") -> list[str]:
 
 
 def members(headings: xr.Dataset, reference: str) -> list[str]:
-    """Return the references behind a fit: the reference itself, or the members of a pool.
+    """Return the references of a fit: the reference, or the members of a pool.
 
     The members are those of the configuration the headings were made with, or in the pool's name
     (``ruc+rtfdaa``), else all references of the headings.
@@ -67,7 +67,7 @@ def used(headings: xr.Dataset) -> NDArray[np.bool_]:
 
 
 def drawn_columns(headings: xr.Dataset) -> xr.Dataset:
-    """Return what the drawings of heading errors need, in memory."""
+    """Return the variables that drawings of heading errors need, in memory."""
     names = "heading_error magnetic_heading heading airspeed screening time row_size"
     return headings[[name for name in names.split() if name in headings]].load()
 
@@ -120,7 +120,7 @@ class Run:
         return text if east or north else ""
 
     def points(self, aircraft: str | int) -> tuple[Floats, Floats]:
-        """Return the magnetic heading and the heading error (degrees) of the reports behind a fit.
+        """Return the magnetic heading and the heading error (degrees) of the reports of a fit.
 
         The fitted bias b of the reference is subtracted as in the joint fit, so that the reports
         lie about the fitted curve: psi_err - (b_u cos psi - b_v sin psi) / V (docs/method.md).
@@ -168,7 +168,7 @@ def table_error(fit: xr.Dataset) -> tuple[Floats, Floats]:
 
 
 def needs_no_correction(fits: xr.Dataset) -> NDArray[np.bool_]:
-    """Return for which fits against one reference the 8-point table is zero within its error.
+    """Return a mask of the fits against one reference whose 8-point table is zero within its error.
 
     Either the status says so (``no_correction_needed``), or every node of the table is smaller than
     half the width of the 95 % interval of the curve there, or rounds to zero.
@@ -263,7 +263,7 @@ def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) ->
             np.hypot(ds[east].to_numpy() - u, ds[north].to_numpy() - v) / KNOT
             for ds, (east, north) in ((block, names[:2]), (better, better_names[:2]))
         )
-        # Reports without a correction have the same disagreement twice and would dilute the gain.
+        # Reports without a correction have equal disagreements and would reduce the gain.
         keep = used(block) & is_corrected(better["correction_applied"].to_numpy())
         keep &= np.isfinite(before) & np.isfinite(after)
         row, flight = aircraft_of_report(block)[keep], block["flight"].to_numpy()[keep]

@@ -44,7 +44,7 @@ _PDF_FONTS: dict[RcKeyType, str | float | bool] = {
     "font.weight": "medium",
     "axes.labelweight": "medium",
     "axes.unicode_minus": False,
-    "axes.formatter.use_mathtext": True,  # or a font of other viewers is looked for
+    "axes.formatter.use_mathtext": True,  # otherwise matplotlib searches for another font
 }
 
 
@@ -213,5 +213,5 @@ def _columns(axes: Axes, title: str, columns: list[tuple[float, str, list[str]]]
     for x, label, cells in columns:
         look = Look(ha="right", fontsize=9)
         axes.text(x, 0.93, label, color=SOFT, va="center", **look)
-        # one text a column: a card has few texts, of which each takes a millisecond
+        # one text a column: each text takes a millisecond
         axes.text(x, 0.85, "\n".join(cells), va="top", linespacing=19.5 / len(cells), **look)

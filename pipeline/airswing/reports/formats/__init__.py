@@ -58,7 +58,7 @@ def formats() -> dict[str, ReportFormat]:
 
 @contextmanager
 def damage_named(path: Path, title: str) -> Iterator[None]:
-    """Turn whatever a library raises at the content of a file into an InputError."""
+    """Convert any exception of a library about a file's content to an InputError."""
     try:
         yield
     except InputError:

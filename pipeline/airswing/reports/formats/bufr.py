@@ -2,9 +2,9 @@
 
 ``flightLevel``, ``indicatedAircraftAltitude`` and ``height`` are pressure altitudes in m. The
 aircraft is the tail number if given, else the registration, else the flight number, in which
-European AMDAR has its aircraft identifier. Levels of a profile (3-11-008, 3-11-009): what precedes
-the first level holds for all; a level begins where the vertical coordinate occurs again. A message
-whose table version is not available is decoded with a current one.
+European AMDAR has its aircraft identifier. Levels of a profile (3-11-008, 3-11-009): elements
+before the first level apply to all levels; a level begins where the vertical coordinate occurs
+again. A message whose table version is not available is decoded with a current one.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def _read_bufr(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
 
 
 def _messages(content: bytes, audit: Audit) -> Iterator[bytes]:
-    """Whole messages of a file; what begins like one and has no end is counted as dropped."""
+    """Whole messages of a file; incomplete messages are counted as dropped."""
     at = content.find(b"BUFR")
     while at >= 0:
         # From edition 2 on bytes 5 to 7 hold the length of the message.
@@ -104,7 +104,7 @@ def _decoded(messages: list[bytes], audit: Audit) -> list[Record]:
         records, failed = guarded(decode_messages, messages)
     except (WorkerEndedError, ValueError):
         if len(messages) > 1:
-            # One by one, not by halves: each failure costs the start of a process.
+            # One by one, not by bisection: each failure requires a new process.
             return [record for one in messages for record in _decoded([one], audit)]
         records, failed = [], 1
     audit.drop("undecodable_message", failed, unread=True)
@@ -177,7 +177,7 @@ def _known(value: object) -> Value:
 
 
 def _levels(subset: Iterable[tuple[str, Value]]) -> list[Record]:
-    """One record a level: what precedes the levels, and what the level holds."""
+    """One record for each level: elements before the levels, and those of the level."""
     common: Record = {}
     levels: list[Record] = [{}]
     vertical = ""

@@ -3,7 +3,7 @@
 Locations are ``loc3d``: longitude and latitude in radians, the vertical coordinate as pressure (Pa,
 kind 2) or height (m, kind 3; taken as pressure altitude). Times are seconds and days since
 1601-01-01. A quality code above 3 fails the wind. A sequence does not name the aircraft: all
-reports of a type are one. Source: NCAR/DART, guide, "Detailed structure of an obs_seq file".
+reports of a type count as one. Source: NCAR/DART, guide, "Detailed structure of an obs_seq file".
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def _read_sequence(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
         value = float(block[0])
         if name is None or value == _MISSING or int(coordinate) not in (_PRESSURE, _HEIGHT):
             continue
-        # Time and error variance are the last lines, after whatever a type adds.
+        # Time and error variance are the last lines, after those specific to a type.
         seconds, days = block[-2].split()[:2]
         failed = any(float(code) > _LARGEST_GOOD for code in block[copies : copies + checks])
         place = (float(longitude), float(latitude), float(vertical), int(coordinate))

@@ -2,9 +2,9 @@
 
 Traces hold one aircraft and day: ``icao``, ``timestamp`` (the epoch) and points, each a list of
 seconds since then, latitude, longitude, barometric altitude (ft) or ``"ground"``, ground speed
-(kt), track (degrees true), flags, vertical rate, and perhaps an object that holds for its point
-only (readsb, README-json.md). Messages are one object each, as lines, entries of a list or columns
-of a table, with decoded values directly or within ``bds50`` and ``bds60`` (magnetic heading).
+(kt), track (degrees true), flags, vertical rate, and possibly an object for this point only
+(readsb, README-json.md). Messages are one object each, as lines, entries of a list or columns of a
+table, with decoded values directly or within ``bds50`` and ``bds60`` (magnetic heading).
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def _read_messages(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
 
 
 def _parsed(text: str) -> object:
-    """Text as JSON, None where it is none: a recording may end in the middle of a line."""
+    """Text parsed as JSON, None if invalid: a recording may end in the middle of a line."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError):

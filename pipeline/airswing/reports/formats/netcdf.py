@@ -83,7 +83,7 @@ Variable: TypeAlias = "netCDF4.Variable[np.generic]"
 
 @contextmanager
 def _open_netcdf(path: Path) -> Iterator[netCDF4.Dataset]:
-    """Open a file, compressed or not, that is whole and no larger than it can be; no masks."""
+    """Open a file, compressed or not, without masks; refuse impossible sizes of variables."""
     require_sound(path)
     with path.open("rb") as binary:
         packed = binary.read(2) in (b"\x1f\x8b", b"BZ")
@@ -190,7 +190,7 @@ def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
     raw: dict[str, object] = {
         "tail": _strings(there[tail]),
         "time": from_epoch(seconds),
-        "time_blank": ~(seconds > 0.0),  # a time too late is unparsable, not blank
+        "time_blank": ~(seconds > 0.0),  # an impossibly late time is unparsable, not blank
         **{ours: number(name) for name, ours in _MADIS_NUMBERS.items() if name in there},
     }
     if "flight" in there and there["flight"].dimensions[:1] == (_DIMENSION,):
@@ -220,7 +220,7 @@ def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
             failed |= np.isin(descriptor, _DESCRIPTOR_FAILED)
         kind = flags.get("errorType", blank)
         failed |= np.isin(kind, (letter, "B"))
-        # X alone does not say what failed: both, then.
+        # X does not state which quantity failed: both are marked.
         alone = ~np.isin(kind, ("T", "W", "B"))
         failed |= (flags.get("dataDescriptor", blank) == "X") & alone
         quality = np.where(passed, TEMPERATURE_QC["pass"], TEMPERATURE_QC["missing"])

@@ -1,9 +1,9 @@
 """Report tables: CSV text and Parquet, read in pieces.
 
 Assumes one report a row and a header row of column names; commas, semicolons or tabs between
-columns; UTF-8 text. Text columns are never read as numbers, so a tail ``NA`` or ``007`` stays what
-it is. A row with too many columns is dropped and counted; a row with too few has the rest missing.
-Folders named ``tail=N401`` (a partitioned Parquet table) hold that column for the files in them.
+columns; UTF-8 text. Text columns are never read as numbers, so a tail ``NA`` or ``007`` is
+unchanged. A row with too many columns is dropped and counted; a row with too few has the rest
+missing. Folders named ``tail=N401`` (partitioned Parquet) give that column of their files.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from airswing.reports.values import (
     seconds_since_1970,
 )
 
-ROWS_PER_PIECE = 250_000  # the text of a table is many times larger than what is kept of it
+ROWS_PER_PIECE = 250_000  # the text of a table is many times larger than its kept columns
 _LONGEST_HEADER = 100_000  # characters; a longer line is no header
 _MOST_COMMENTS = 200  # lines that begin with #
 _BLANKS = [
@@ -81,10 +81,11 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
             names=[*names, _EXTRA],
             dtype=dict.fromkeys([*text, _EXTRA], str),
             on_bad_lines="warn",
-            # pandas' list makes a tail named NA a missing one; this one is of number columns only.
+            # pandas' default would make a tail named NA missing; this list is for number columns
+            # only.
             keep_default_na=False,
             na_values=dict.fromkeys(numeric, _BLANKS),
-            # A type is inferred of a whole piece: in parts one column may become two types.
+            # Types are inferred for a whole piece: in parts one column may get two types.
             low_memory=False,
             chunksize=ROWS_PER_PIECE,
         ):
@@ -274,9 +275,9 @@ def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     """Make reports, a row each, of single Mode-S messages in SI, a row each in any order.
 
     A transponder sends position, ground vector, and heading and airspeed in separate messages. A
-    report is made of each message with a heading (where there is none, of each position): what it
-    lacks is interpolated linearly in time between the messages of the same aircraft that have it.
-    Both must be within 10 s, or one within 1 s. Messages that are no reports are counted as
+    report is made of each message with a heading (where there is none, of each position): missing
+    values are interpolated linearly in time between the same aircraft's messages with values. Both
+    must be within 10 s, or one within 1 s. Messages that do not make reports are counted as
     ``merged_message``.
     """
     raw = raw.sort_values(["tail", "time"], kind="stable", ignore_index=True)
@@ -302,7 +303,7 @@ def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
         filled = (before["value"] + step * since / (since + until)).where(both, filled)
         reports[name] = raw[name].where(np.isfinite(raw[name]), filled)[wanted]
     if "flight" in raw:
-        # A callsign is sent every few seconds and holds until another is.
+        # A callsign is sent every few seconds and applies until another one.
         label = raw["flight"].where(raw["flight"].str.strip() != "")
         reports["flight"] = label.groupby(raw["tail"]).ffill(limit=500)[wanted].fillna("")
     return reports.reset_index(drop=True)

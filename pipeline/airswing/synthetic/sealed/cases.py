@@ -4,9 +4,9 @@ Rungs: 1 the generator's ordinary world; 2 its hard world; 3 two effects, every 
 same aircraft; 4 effects outside the catalogue, and catalogue effects removed from it for the
 diagnosis; 5 real data: the residual errors of a real flux valve, and the real error of a real
 forecast, with an effect added. A quarter of every rung has no effect, or as many as are asked for.
-Effects, their variants and sizes are dealt like cards; cases of one rung share worlds, so that
-fields are not written for each; names are dealt last and carry no information. An outside effect is
-dealt as several draws, of which the archive decides (`sealed_archives`).
+Effects, their variants and sizes are drawn without replacement; cases of one rung share worlds, so
+that fields are not written for each; names are drawn last and carry no information. An outside
+effect has several draws, one of which is chosen on the archive (`sealed_archives`).
 
 Units: m/s for sizes; kt and degrees where a name says so.
 """
@@ -42,7 +42,7 @@ ALIKE: tuple[frozenset[str], ...] = (
     frozenset({"airspeed", "ground_speed"}),
     frozenset({"wind_speed", "drift"}),
 )
-"""Variables that say much the same: never multiplied with each other."""
+"""Strongly correlated variables, which are never multiplied with each other."""
 _CASES_PER_WORLD = 8
 _MOST_DRAWS = 24  # of an outside effect
 _PHASES = (1.0, 2.0, 3.0)
@@ -64,7 +64,7 @@ class Size:
 
     @classmethod
     def fast(cls) -> Size:
-        """A short check: three weeks, eight aircraft, effects that can be seen."""
+        """A short check: three weeks, eight aircraft, clear effects."""
         return cls(days=21, aircraft=8, sizes=(0.8, 1.6), coarse=True)
 
 
@@ -78,11 +78,11 @@ class Case:
     world: World
     drawn: tuple[Drawn, ...] = ()
     sizes: tuple[float, ...] = ()  # wanted strength of each effect, m/s
-    without: tuple[str, ...] = ()  # effects the diagnosis does without
+    without: tuple[str, ...] = ()  # effects withheld from the diagnosis
     # of `Draw.variants`; of a pair "same aircraft" or "apart"; of an outside effect its shape
     variant: str = "plain"
     instead: tuple[Drawn, ...] = ()  # further draws of an outside effect
-    worth: bool = False  # take a draw that closes a tenth of a knot, where there is one
+    worth: bool = False  # prefer a draw that closes a tenth of a knot
 
 
 def plan_cases(
@@ -126,7 +126,7 @@ def _counts(number: int, rungs: Sequence[int]) -> dict[int, int]:
 
 
 class _Deck:
-    """Deals (name, size, variant): every name before any is repeated, the others in turn."""
+    """Draws (name, size, variant): every name before any is repeated, the others in turn."""
 
     def __init__(
         self, draws: Mapping[str, Draw], sizes: Sequence[float], rng: np.random.Generator
@@ -300,7 +300,7 @@ def _variable(
 ) -> str:
     able = [name for name in VARIABLES if name not in FLAGS or flags or shape == "step"]
     if component == "across_heading":
-        # The catalogue has such a shape of the date as a step or a drift.
+        # In the catalogue such a function of the date is a step or a drift.
         dated = shape in ("step", "hinge", "sector")
         able = [name for name in able if name != "icing" and not (dated and name == "date")]
     for group in ALIKE:

@@ -83,8 +83,8 @@ class Draw:
     on_real_data: bool = False  # can be added to a real valve's record, and shows in one day
     acts: Acts | None = None  # reports it acts on by its nature; all by default
     compared: tuple[str, ...] = ()  # parameters compared with the truth
-    places: tuple[str, ...] = ()  # variables that place it where the diagnosis has no name for it
-    read_from: tuple[tuple[str, str], ...] = ()  # component and variable a person reads it from
+    places: tuple[str, ...] = ()  # variables that locate it if it is withheld from the catalogue
+    read_from: tuple[tuple[str, str], ...] = ()  # component and variable in which it is visible
     fault: UnitFault | None = None  # physics, where it is not among the generator's
 
     @property
@@ -106,7 +106,7 @@ class Drawn:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names at work, each once, that of the case first."""
+        """Names of the active effects, each once, that of the case first."""
         return tuple(dict.fromkeys([self.name, *(effect["name"] for effect in self.effects)]))
 
     @property

@@ -43,7 +43,7 @@ class OutsideTruth(TypedDict):
     size_m_s: float
     named_share: float  # of its energy, that named effects explain
     closes_kt: float
-    carried: dict[str, float]  # share of its energy that a curve of each variable alone carries
+    carried: dict[str, float]  # share of its energy that a curve of each single variable explains
 
 
 class Label(TypedDict):
@@ -57,9 +57,9 @@ class Label(TypedDict):
     size: float  # the largest of ``sizes``
     sizes: list[float]
     focus: list[str]  # effects the case is about
-    names: list[str]  # all at work
+    names: list[str]  # all active effects
     effects: list[Injected]
-    without: list[str]  # effects the diagnosis does without
+    without: list[str]  # effects withheld from the diagnosis
     background: list[str]  # names of errors of the world itself
     background_components: NotRequired[list[str]]  # and their components
     closure: TwinClosure

@@ -9,8 +9,8 @@ generator shares no code with `airswing.gap.effects`.
 Errors of a real sensor (Garmin G1000, 1 Hz; headings and tracks magnetic): along each record ground
 velocity = airspeed x heading vector + wind, with a wind piecewise linear in time (knots every 5
 minutes) and linear in height, a heading in error by a constant, one and two cycles, an airspeed in
-error by a factor. The residual of that fit, less the mean of each heading, replaces the generator's
-instrument noise. Errors of a real model: `airswing.synthetic.real_winds`.
+error by a factor. The residual of that fit, minus the mean of each heading, replaces the
+generator's instrument noise. Errors of a real model: `airswing.synthetic.real_winds`.
 
 Units: radians, m/s; degrees, kt in the records, kt for disagreement.
 """
@@ -58,10 +58,10 @@ REFERENCES = ("ruc", "rtfdaa")
 _CALIBRATION_DAYS = 5  # a strength is a mean over flights: a few days give it
 # Components by which a diagnosis states an irregular error of the heading.
 _ACROSS = ("across_heading", "heading_angle", "cross", "scatter")
-# Rounding is no part of the strength of an effect.
+# Rounding is not part of the strength of an effect.
 _EXACT = Coding(direction_deg=0.001, speed_kt=0.001, position_arcmin=0.001)
 _COARSE: dict[str, Any] = {"columns": 32, "rows": 25, "spacing_km": 57.0, "interval_hours": 2}
-# Fields good enough to measure a strength.
+# Fields accurate enough to measure a strength.
 _THIN_FIELDS: dict[str, Any] = {
     "columns": 16,
     "rows": 12,
@@ -246,7 +246,7 @@ def real_sensor(folder: Path) -> list[SensorRecord]:
 def with_real_sensor(
     frame: pd.DataFrame, records: Sequence[SensorRecord], *, seed: int
 ) -> pd.DataFrame:
-    """An archive of noiseless instruments with errors of real records, dealt to the aircraft."""
+    """An archive of noiseless instruments with errors of real records, assigned to the aircraft."""
     out = frame.copy()
     magnetic = (out["heading"] - out["declination"]).to_numpy(float)
     turned, longer = np.zeros(len(out)), np.zeros(len(out))
@@ -376,10 +376,10 @@ class Archivist:
         }
 
     def _fit_draw(self, case: Case) -> tuple[Drawn, OutsideTruth]:
-        """First draw of an outside effect that is fit, and its truth.
+        """First suitable draw of an outside effect, and its truth.
 
-        Of a case with ``worth``, the first that is fit and closes `WORTH_KT`, or the one with the
-        largest closure. Where none is fit (rare), the one that named effects explain least.
+        For a case with ``worth``, the first suitable one that closes `WORTH_KT`, or that with the
+        largest closure. If none is suitable (rare), the one that named effects explain least.
         """
         bare = self._without(case.world)
         wind = innovation(bare)
