@@ -183,7 +183,7 @@ def spoiled(archive: Path, folder: Path, spoil: Callable[[Path], Any]) -> Path:
         (lambda m: (m / "p012.grb").write_bytes(b"\x93x" * 9000), "no whole GRIB message"),
         (lambda m: (m / "p012.grb").write_bytes(b""), "is empty"),
         (lambda m: (m / "p012.grb").write_bytes((m / "p012.grb").read_bytes()[:7000]), "truncated"),
-        (lambda m: (m / "readme.txt").write_text("hello"), "is text, no model file"),
+        (lambda m: (m / "readme.txt").write_text("hello"), "is text, not model data"),
         (lambda m: (m / "readme.txt").symlink_to(m / "absent"), "cannot be opened"),
     ],
     ids=["garbage", "empty", "truncated", "text", "link"],

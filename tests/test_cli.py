@@ -57,7 +57,7 @@ def test_an_empty_output_is_one_error_and_nothing_is_written_here(
     with pytest.raises(SystemExit) as ended:
         cli.main()
     assert ended.value.code == 2
-    assert capsys.readouterr().err.count("an empty path names nothing") == 1
+    assert capsys.readouterr().err.count("the path is empty") == 1
     assert not list(tmp_path.iterdir())
 
 

@@ -163,7 +163,7 @@ def test_times_of_digits_are_dates_and_not_seconds(written, meant):
 
 @pytest.mark.parametrize("written", [-1, 1, 0.5, "1256018400", "20091320", "2009", True, "1e9"])
 def test_numbers_that_are_no_time_are_refused(written):
-    with pytest.raises(ValueError, match="is no time"):
+    with pytest.raises(ValueError, match="is not a time"):
         spelt_out(written)
 
 

@@ -27,7 +27,7 @@ T = TypeVar("T")
 def _text(given: str) -> str:
     # An empty path, as from an unset variable of a script, would be the current directory.
     if not given.strip():
-        raise typer.BadParameter("an empty path names nothing")
+        raise typer.BadParameter("the path is empty")
     return given
 
 
@@ -51,7 +51,7 @@ Resume = Annotated[bool, typer.Option("--resume", hidden=True)]
 Scheduler = Annotated[
     str | None, typer.Option(help="Address of a dask scheduler.", metavar="ADDRESS")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Results and errors alone, no progress.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Results and errors only, no progress.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 app = typer.Typer(
@@ -120,7 +120,7 @@ def run(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Do the main job: every stage, every product, the page.
+    """Run every stage and write every product and the page.
 
     Months whose reports, model files and settings are unchanged are kept: the same command resumes
     an interrupted run and includes new files.
@@ -250,7 +250,7 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 def monitor(
     config: ConfigPath, output: Output = None, quiet: Quiet = False, json: Json = False
 ) -> None:
-    """Compare the fleet with what the last run knew: events.json.
+    """Compare the fleet with its state in the last run: events.json.
 
     Needs the headings and fits.nc. Each event is printed once; `airswing run` does the same.
     """
@@ -497,7 +497,7 @@ def sample(
 @app.command()
 def inspect(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="What to look into.", parser=_path)
+        list[Path], typer.Argument(metavar="FILE...", help="Files to inspect.", parser=_path)
     ],
     json: Json = False,
 ) -> None:
@@ -540,7 +540,7 @@ def _input_fault(err: Exception) -> str | None:
     if isinstance(err, AirswingError):
         return str(err)
     if isinstance(err, MemoryError):
-        limits = "compute.workers and compute.threads say how much is worked on at a time"
+        limits = "compute.workers and compute.threads limit the work done at a time"
         return f"not enough memory; {limits}"
     if isinstance(err, OSError) and err.errno in _NOT_OURS:
         return f"{shortened(err.filename or 'a file')}: {err.strerror}"

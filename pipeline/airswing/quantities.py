@@ -92,7 +92,7 @@ def spelt_out(value: object) -> object:
     try:
         return datetime.strptime(digits, _COMPACT.get(len(digits), "no time has so many"))
     except ValueError:
-        raise ValueError("is no time; write 2009-10-20T06:00, or yyyymmddHHMM") from None
+        raise ValueError("is not a time; write 2009-10-20T06:00, or yyyymmddHHMM") from None
 
 
 _OPERATORS: dict[str, Callable[[NDArray[np.float64], float], NDArray[np.bool_]]] = {

@@ -1,4 +1,4 @@
-"""Fields that look like winds and are no state of the atmosphere are refused by every reader."""
+"""Fields that look like winds and are not an atmospheric state are refused by every reader."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_grib_fields_that_are_no_state_are_refused(name: str, engine: str, tmp_p
     path = write(tmp_path / "x.grib", GRIB[name])
     with pytest.raises(InputError, match="no wind") as caught:
         build_catalogue(path, name="x", engine=engine, cache_dir=tmp_path)
-    reasons = "no state of the atmosphere", "not instantaneous", "ensemble statistic"
+    reasons = "not an atmospheric state", "not instantaneous", "ensemble statistic"
     assert any(reason in str(caught.value) for reason in reasons)
 
 
@@ -156,7 +156,7 @@ DATASETS = {
 
 @pytest.mark.parametrize("name", DATASETS)
 def test_variables_that_are_no_state_are_refused(name: str) -> None:
-    state = "no wind" if name.startswith("other") else "no state of the atmosphere"
+    state = "no wind" if name.startswith("other") else "not an atmospheric state"
     with pytest.raises(InputError, match=state):
         build_catalogue(DATASETS[name], name="x")
 

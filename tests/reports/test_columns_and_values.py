@@ -50,7 +50,7 @@ def test_the_unit_at_the_end_of_a_name_is_understood(name, value, variable, si):
         ({"W": {"name": "tail", "unit": "kt"}}, ["tail has no unit"]),
         ({"W": {"nam": "tail"}}, ["{name: ..., unit: ...}"]),
         ({"A": "wind_speed_kt", "B": "wind_speed_m_s"}, ["two columns", "A, B"]),
-        ({"wind_speed_kt": {"value": "fast"}}, ["is no number"]),
+        ({"wind_speed_kt": {"value": "fast"}}, ["is not a number"]),
         ({"W": {"name": "time", "format": "%d.%Q"}}, ["W.format", "bad directive", "%d.%m.%Y"]),
     ],
 )

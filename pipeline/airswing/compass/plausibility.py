@@ -766,8 +766,7 @@ def heading_kind_warnings(fits: xr.Dataset, reference: str) -> list[str]:
     _, like, mistake, remedy = _KINDS[kind]
     if kind == "magnetic_for_true":
         remedy += (
-            " (winds that a unit computed itself along a magnetic heading need the unit's own "
-            "remedy)"
+            " (if the unit computed its winds along a magnetic heading, the unit must be corrected)"
         )
     return [
         f"The heading offsets of {np.count_nonzero(good)} aircraft (median "

@@ -153,8 +153,8 @@ def write_little_r(request: Request) -> dict[str, Any]:
     result = write_records(request, selected_rows(request), form)
     most = max(file["reports"] for file in result["files"])
     result["notes"] += [
-        f"OBSPROC namelist, &record3: max_number_of_obs of {most} or more; it ends with status 0 "
-        "whatever happens: compare the TOTAL of what it writes"
+        f"OBSPROC namelist, &record3: max_number_of_obs of {most} or more; its exit status "
+        "is always 0: compare the TOTAL in its output"
     ]
     if request.soundings:
         result["notes"] += [

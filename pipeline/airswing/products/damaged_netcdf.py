@@ -48,7 +48,7 @@ def require_sound(path: Path) -> None:
         try:
             fault = guarded(_fault, str(path.absolute()))
         except WorkerEndedError:
-            fault = "opening it ends the process, or does not end"
+            fault = "opening it ends the process, or never returns"
         if fault:
             raise InputError("cannot be opened: a damaged NetCDF file", file=path, found=fault)
         written_here(path)
@@ -91,7 +91,7 @@ def _require_whole(file: BinaryIO, path: Path) -> None:
         needed, records = _extent(file)
     except _HeaderError as error:
         raise InputError(
-            "cannot be opened: damaged, its NetCDF header does not hold together",
+            "cannot be opened: damaged, its NetCDF header is inconsistent",
             file=path,
             found=error,
         ) from error
@@ -126,7 +126,7 @@ def _extent(file: BinaryIO) -> tuple[int, int]:
     def entries(tag: int) -> range:
         kind, found = number(4), length(_MOST)
         if kind not in (0, tag) or (kind == 0 and found):
-            raise _HeaderError("a list of another kind than should follow")
+            raise _HeaderError("a list of an unexpected kind")
         return range(found)
 
     def value_size() -> int:

@@ -276,7 +276,7 @@ def build_catalogue(
         try:
             found = replace(work, skipped=[], notes=[]).catalogue("cfgrib")
         except InputError as second:
-            raise (second if "no grid of rows" in second.what else refused) from second
+            raise (second if "not on a grid of rows" in second.what else refused) from second
         reason = f"opened by cfgrib, which is slower: the header scanner found {refused.found}"
         found.notes.insert(0, reason)
         return found

@@ -279,7 +279,7 @@ def unreadable(path: str, content: bytes, *, reports: bool = True) -> InputError
             remedy="Model winds come as GRIB, NetCDF or Zarr; measurements go under reports",
         )
     if start and start.isascii() and b"\0" not in start and b"grib" not in start:
-        return InputError("is text, no model file", file=path, remedy="Give GRIB, NetCDF or Zarr")
+        return InputError("is text, not model data", file=path, remedy="Give GRIB, NetCDF or Zarr")
     return None
 
 

@@ -110,7 +110,7 @@ def _gathered(blocks: Iterable[xr.Dataset]) -> pd.DataFrame:
     found = pd.concat(parts, ignore_index=True)
     if (count := found["aircraft"].nunique()) < FEWEST_AIRCRAFT:
         raise InputError(
-            "too few aircraft have winds for a wind of the fleet",
+            "too few aircraft have winds for a wind field of the fleet",
             field="references",
             found=f"{count} aircraft",
             remedy=f"{FEWEST_AIRCRAFT} or more are needed, or a model",

@@ -83,7 +83,7 @@ def grib_statistic(edition: int, sections: Mapping[int, bytes]) -> str:
         return _mars(product[42], int.from_bytes(product[43:45], "big"))
     # NCEP: byte 41 says ensemble, byte 44 which product of it (1: full field or mean, 2: mean)
     if centre == 7 and len(product) >= 44 and product[40] == 1 and product[43] not in (1, 2):
-        return f"ensemble statistic that is no mean (product {product[43]})"
+        return f"ensemble statistic other than a mean (product {product[43]})"
     return ""
 
 
@@ -91,9 +91,9 @@ def _mars(kind: int, stream: int) -> str:
     """Reason by ECMWF's type and stream, in its local sections."""
     if kind not in _MARS_STATES:
         name = _MARS_NAMES.get(kind, "statistic")
-        return f"no state of the atmosphere: {name} (MARS type {kind})"
+        return f"not an atmospheric state: {name} (MARS type {kind})"
     if stream in _MARS_MEANS:
-        return f"no state of the atmosphere: mean of a month (MARS stream {stream})"
+        return f"not an atmospheric state: mean of a month (MARS stream {stream})"
     return ""
 
 
@@ -101,19 +101,19 @@ def _grib2(sections: Mapping[int, bytes]) -> str:
     identification, local, product = sections[1], sections.get(2, b""), sections[4]
     template, process = int.from_bytes(product[7:9], "big"), product[11]
     if template in _TEMPLATES:
-        return f"no state of the atmosphere: {_TEMPLATES[template]} (product template 4.{template})"
+        return f"not an atmospheric state: {_TEMPLATES[template]} (product template 4.{template})"
     if template in _OVER_TIME:
         return f"not instantaneous (product template 4.{template})"
     if template not in (FORECAST, MEMBER, DERIVED, HINDCAST):
         return f"product template 4.{template}"
     if process in _PROCESSES:
-        return f"no state of the atmosphere: {_PROCESSES[process]} (generating process {process})"
+        return f"not an atmospheric state: {_PROCESSES[process]} (generating process {process})"
     # byte 35, code table 4.7: unweighted and weighted mean of all members
     if template == DERIVED and len(product) > 34 and product[34] not in (0, 1):
         name = _DERIVED.get(product[34], "")
-        return f"ensemble statistic that is no mean: {name or 'other'} (code {product[34]})"
+        return f"ensemble statistic other than a mean: {name or 'other'} (code {product[34]})"
     if identification[20:21] == b"\x08":  # type of data, code table 1.4
-        return "no state of the atmosphere: event probability (type of data 8)"
+        return "not an atmospheric state: event probability (type of data 8)"
     if int.from_bytes(identification[5:7], "big") == 98 and len(local) >= 13:
         return _mars(int.from_bytes(local[9:11], "big"), int.from_bytes(local[11:13], "big"))
     return ""

@@ -113,7 +113,7 @@ def _notes_section(corrected: xr.Dataset) -> html.Section:
     lines = []
     for name in corrected["variable"].to_numpy():
         chosen = corrected.sel(variable=name)
-        how = "given, or the usual one because the days are too few"
+        how = "given, or the default with too few days"
         if int(chosen["ratio_chosen"]):
             how = "least mean square error on the training days"
         what = f"left unchanged ({how}: no ratio has a smaller one)"

@@ -197,7 +197,7 @@ def _mapped(key: str, target: object) -> tuple[str, str, Source]:
                 constant = str(value) if key in TEXT else float(value)
             except (TypeError, ValueError) as error:
                 field = f"reports.columns.{key}"
-                raise InputError("is no number", field=field, found=value) from error
+                raise InputError("is not a number", field=field, found=value) from error
             return key, variable, replace(source, value=constant)
         case {"date": date, "time": time, **rest} if key == "time" and (
             rest.keys() <= {"offset", "format"}
@@ -222,7 +222,7 @@ def _format(theirs: str, written: object) -> str:
         pd.to_datetime([""], format=str(written), errors="coerce")
     except ValueError as error:
         raise InputError(
-            f"is no format of a time: {error}",
+            f"is not a time format: {error}",
             field=f"reports.columns.{theirs}.format",
             found=written,
             remedy='Such as "%d.%m.%Y %H:%M"',
@@ -241,14 +241,14 @@ def _resolve(theirs: str, name: str, unit: object = None) -> tuple[str, Source]:
         every = [*TEXT, *(quantity.canonical for quantity in QUANTITIES.values())]
         near = difflib.get_close_matches(name, every, n=3, cutoff=0.5)
         raise InputError(
-            f"{name!r} is no canonical column",
+            f"{name!r} is not a canonical column",
             field=field,
             remedy=f"Nearest: {', '.join(near)}" if near else "See the list of columns",
         )
     quantity, unit = known[0], str(unit or known[1])
     if not compatible(unit, quantity.si_unit):
         raise InputError(
-            f"unit {unit!r} is no unit of {quantity.canonical}",
+            f"{unit!r} is not a unit of {quantity.canonical}",
             field=field,
             found=unit,
             remedy=f"Give a unit that converts to {quantity.si_unit!r}",

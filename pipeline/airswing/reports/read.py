@@ -319,7 +319,7 @@ def _format_of(path: Path) -> str:
     for name, one in formats().items():
         if one.recognises(start):
             return name
-    raise InputError("is no report file of a known format", file=path, found=start[:16])
+    raise InputError("is not a report file of a known format", file=path, found=start[:16])
 
 
 def _refusal_of(start: bytes, path: Path) -> InputError | None:

@@ -55,7 +55,7 @@ def scheduler(compute: Compute, progress: Progress) -> Iterator[None]:
             "a worker process ended, most likely out of memory",
             field="compute.workers",
             found=compute.workers,
-            remedy=f"Take fewer workers, {_AGAIN}",
+            remedy=f"Use fewer workers, {_AGAIN}",
         ) from err
 
 
@@ -82,7 +82,7 @@ def _at_address(address: str, progress: Progress) -> Iterator[None]:
             "cannot reach the dask scheduler",
             field="scheduler",
             found=address,
-            remedy="Start it with `dask scheduler`, or leave --scheduler away",
+            remedy="Start it with `dask scheduler`, or omit --scheduler",
         ) from err
     try:
         with client:
@@ -94,7 +94,7 @@ def _at_address(address: str, progress: Progress) -> Iterator[None]:
             yield
     except KilledWorker as err:
         raise InputError(
-            "the same piece of work ended several workers, most likely out of memory",
+            "the same task ended several workers, most likely out of memory",
             field="compute",
             found=str(err.task),
             remedy=f"Give each worker more memory or fewer threads, {_AGAIN}",

@@ -94,7 +94,7 @@ def _product(path: Path) -> dict[str, object] | None:
         require_sound(path)
         opened = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False)
     except DAMAGE as err:
-        raise InputError("not a whole NetCDF file", file=path, found=err) from err
+        raise InputError("not a complete NetCDF file", file=path, found=err) from err
     with opened as ds:
         if "airswing_version" not in ds.attrs:
             return None

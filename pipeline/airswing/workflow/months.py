@@ -375,7 +375,7 @@ class _Month:
     def make(self) -> None:
         """Make the month's headings, unless no flight begins in it, and note what was made."""
         if self.before.get("product"):
-            self.job.progress.say(f"{self.name}: model winds kept, screened anew")
+            self.job.progress.say(f"{self.name}: model winds kept, screening repeated")
             self.note["models"] = self.before["models"]
             headings: xr.Dataset | None = read_product(self.path).drop_vars("screening")
         else:

@@ -151,7 +151,7 @@ def _pairs(given: Sequence[str], option: str, example: str) -> dict[str, str]:
         name, _, value = (part.strip() for part in one.partition("="))
         if not (name and value):
             raise InputError(
-                "has two sides", field=option, found=one, remedy=f'Such as {option} "{example}"'
+                "must be A=B", field=option, found=one, remedy=f'Such as {option} "{example}"'
             )
         found[name] = value
     return found

@@ -430,7 +430,7 @@ def test_a_projection_that_the_points_do_not_have() -> None:
     )
     check(ds)
     naming = {"projection": "+proj=stere +lat_0=90 +lat_ts=60 +lon_0=0 +R=6371229"}
-    with pytest.raises(InputError, match="points that are no rows and columns"):
+    with pytest.raises(InputError, match="points that are not rows and columns"):
         airswing.build_catalogue(ds, name="x", naming=naming)
 
 

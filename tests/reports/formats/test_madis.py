@@ -150,7 +150,7 @@ def test_true_airspeed_where_present_and_fill_values(tmp_path: Path):
 
 def test_another_netcdf_is_refused_with_what_it_lacks(tmp_path: Path):
     xr.Dataset({"u": ("x", [1.0])}).to_netcdf(tmp_path / "a.nc")
-    with pytest.raises(InputError, match=r"windSpeed.*is no MADIS .*variables u\).*or of IODA"):
+    with pytest.raises(InputError, match=r"windSpeed.*is not a MADIS .*variables u\).*or of IODA"):
         read_reports(tmp_path / "a.nc")
 
 

@@ -105,7 +105,7 @@ def pairs_at_stations(
     )
     if not paired["observation"].notna().any():
         raise InputError(
-            "no observation meets a forecast",
+            "no observation matches a forecast",
             file=observations[0],
             field="postprocess.stations.files",
             found=f"forecasts valid {_valid(table).min()} to {_valid(table).max()}, observations "

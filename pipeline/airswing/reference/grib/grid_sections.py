@@ -180,7 +180,7 @@ class _Keys:
             start = int(np.argmin(np.abs(y - first[0])))
             y = y[start : start + self.nj]
             if y.size != self.nj or max(abs(y[0] - first[0]), abs(y[-1] - last[0])) > 0.01:
-                raise UnplaceableGridError("corners that are no latitudes of a Gaussian grid")
+                raise UnplaceableGridError("corners that are not latitudes of a Gaussian grid")
         if not kind.startswith("rotated"):
             return LONGITUDE_LATITUDE, x, y
         turned = self.number("angleOfRotationInDegrees")

@@ -238,7 +238,7 @@ def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
             laid = through_points(frame_of(mapping, field="projection"), lat, lon)
         if laid is None and naming.projection is not None:
             raise InputError(
-                "points that are no rows and columns of the projection given",
+                "points that are not rows and columns of the given projection",
                 field="projection",
                 found=str(naming.projection),
                 remedy="Correct or remove it: the points' latitudes and longitudes are enough",
@@ -384,7 +384,7 @@ def _stamps(one: xr.DataArray) -> Ints | None:
         calendar = str(values.ravel()[0].calendar)
         if calendar == "360_day":
             raise InputError(
-                "times of a calendar of 360 days, which no observation has",
+                "times of a calendar of 360 days, which observations do not use",
                 field=str(one.name),
                 found=calendar,
                 remedy="Use winds of real dates",

@@ -125,7 +125,7 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
         plain = xr.open_dataset(local, decode_times=False, **options)
         if engine == "wrf":
             if not is_wrf(plain):
-                raise InputError("is no file of WRF", file=path, remedy="Give engine: netcdf")
+                raise InputError("is not a file of WRF", file=path, remedy="Give engine: netcdf")
             return plain
         units = {key: str(one.attrs.get("units")) for key, one in plain.variables.items()}
         julian = [key for key in units if re.match(r"days since -471[23]\b", units[key])]
@@ -197,7 +197,7 @@ def _cfgrib_datasets(file: SourceFile) -> list[xr.Dataset]:
         raise InputError("cannot be opened as cfgrib", file=file.path, found=error) from error
     if not parts and odd:
         raise InputError(
-            "winds on no grid of rows and columns",
+            "winds not on a grid of rows and columns",
             file=file.path,
             found=", ".join(odd),
             remedy="Ask the archive for a regular grid, or interpolate to one (cdo remapbil)",

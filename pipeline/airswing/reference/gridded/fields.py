@@ -205,7 +205,7 @@ class Gathering:
             others += [(str(dim), {}) for dim in variable.dims if dim not in variable.coords]
             why = variable_statistic(one.name, variable.attrs, others, ds.attrs)
             if why:
-                self._skip("wind", f"{one.name} is no state of the atmosphere ({why})")
+                self._skip("wind", f"{one.name} is not an atmospheric state ({why})")
                 continue
             try:
                 axes = axes_of(ds, one.name, naming)

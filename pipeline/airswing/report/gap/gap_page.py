@@ -166,7 +166,7 @@ def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     parts += words.caution_lines(gap, units=units)
     parts.append(html.folded("Parameters of each aircraft", single))
     parts.append(html.folded("Physics of the effects found", html.listing(physics)))
-    return html.Section("what", "What is missing from the simulation", "", parts)
+    return html.Section("what", "Effects missing from the simulation", "", parts)
 
 
 def _closure_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
@@ -232,14 +232,14 @@ def _claims_section(gap: Entry, units: Units) -> html.Section:
     if not claims:
         return section()
     if not claims.get("taken_off"):
-        text = "No effect was found, so the fitted deviations remain as they are."
+        text = "No effect was found, so the fitted deviations remain unchanged."
         if gap["unknown"]["where"]:
             text = (
                 "An unexplained error is not subtracted before the fit: the fitted deviations "
-                "remain as they are and may contain part of it."
+                "remain unchanged and may contain part of it."
             )
         elif gap["effects"]:
-            text = "Only compass effects were found, so the fitted deviations remain as they are."
+            text = "Only compass effects were found, so the fitted deviations remain unchanged."
         return section("", [text])
     names = joined([plain_name(name) for name in claims["taken_off"]])
     lead = (

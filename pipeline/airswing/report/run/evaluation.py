@@ -144,7 +144,7 @@ def _scrutiny_figure(field_test: Content, units: Units) -> Figure:
         _equal_axes(left, values, f"before ({units})", f"during ({units})")
         left.legend(loc="upper left")
     else:
-        style.blank(left, "No single aircraft given.")
+        style.blank(left, "No results by aircraft.")
     right.set_title("Permutation test over aircraft")
     words = "Too few aircraft for a permutation test."
     permutation = field_test.get("permutation") or {"null_effects_kt": []}

@@ -369,7 +369,7 @@ def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
         left.barh(range(len(names)), alone, color=style.BLUE, height=0.7, label="by no other rule")
         left.legend(loc="lower right", title="reports marked")
     else:
-        style.blank(left, "No rule left out a report.")
+        style.blank(left, "No rule excluded a report.")
     if reasons:
         numbers, colours = zip(*reasons.values(), strict=True)
         right.set_title("Dropped or repaired on reading")
@@ -395,7 +395,7 @@ def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
         why = model_reasons([*entry.get("skipped", []), *entry.get("unread", [])])
         messages += [f"{name}: {line}" for line in [*why, *entry.get("notes", [])]]
     parts.append(html.folded("Files and messages", html.listing(messages), unfolded=True))
-    return html.Section("audit", "What was left out", "", parts)
+    return html.Section("audit", "Omitted reports", "", parts)
 
 
 def _bars(

@@ -327,7 +327,7 @@ def headline(fits: xr.Dataset, total: Total | None, reference: str, units: Units
         )
     if not fitted:
         return (
-            f"No usable fit for any of {fleet} aircraft against {reference}; see What was left out."
+            f"No usable fit for any of {fleet} aircraft against {reference}; see Omitted reports."
         )
     typical = f"median offset {np.median(constants):+.1f}°" if constants.size else ""
     if sizes.size:

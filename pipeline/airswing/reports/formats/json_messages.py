@@ -48,7 +48,7 @@ def _read_trace(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     points, begin = content.get("trace"), content.get("timestamp")
     if not isinstance(points, list) or not isinstance(begin, int | float):
         raise InputError(
-            "is no trace of an aircraft",
+            "is not a trace of an aircraft",
             file=path,
             field="timestamp" if isinstance(points, list) else "trace",
             found=", ".join(map(str, content))[:200],

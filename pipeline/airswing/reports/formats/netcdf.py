@@ -151,7 +151,7 @@ def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
         absent += [] if tail else [_MADIS_TAILS[0]]
         names = [*there, *(f"group {name}" for name in file.groups)]
         raise InputError(
-            "is no MADIS ACARS file",
+            "is not a MADIS ACARS file",
             file=path,
             field=", ".join(absent) or _DIMENSION,
             found=f"variables {', '.join(names[:20])}",
@@ -278,7 +278,7 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
             raw["tail"] = _strings(named)
         else:
             raw["tail"] = path.name.split(".")[0]
-            audit.remark(f"{path.name} does not name the aircraft: its reports are taken as of one")
+            audit.remark(f"{path.name} does not name the aircraft: all reports count as one")
         if flight is not None:
             raw["flight"] = _strings(flight)
         for group in ("PreQC", "QualityMarker"):

@@ -64,7 +64,7 @@ def _read_log(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
     number = next((n for n, line in enumerate(lines) if _HEADER.search(line)), None)
     if number is None:
         raise InputError(
-            "is no log of a Garmin flight deck: none of its first lines names Lcl Date or UTC Date",
+            "is not a Garmin flight deck log: none of its first lines names Lcl Date or UTC Date",
             file=path,
             found=lines[0][:200],
             remedy="Leave out format, or map the columns of another recorder's log",
@@ -159,7 +159,7 @@ def _read_track(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
         table["flight"] = table.get("flight", path.name.split(".")[0].removesuffix("_positions"))
     else:
         raise InputError(
-            "is no table of Flightradar24",
+            "is not a table of Flightradar24",
             file=path,
             found=", ".join(table.columns[:20]),
             remedy=f"Its columns are {', '.join(_GRANULAR)} or {', '.join(_PLAYBACK)}",
@@ -170,7 +170,7 @@ def _read_track(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     audit.drop("on_ground_or_stale", np.count_nonzero(~flying), unread=True)
     audit.remark(
         "tables of Flightradar24 hold the track over ground and the ground speed, but no heading, "
-        "airspeed or wind: they serve for model winds along the track alone"
+        "airspeed or wind: only model winds can be added to them"
     )
     raw = pd.DataFrame(
         {
