@@ -45,8 +45,8 @@ Written = Annotated[
     Path,
     typer.Option("-o", "--output", help="File to write.", metavar="FILE", parser=_path),
 ]
-Fresh = Annotated[bool, typer.Option("--fresh", help="Make every month anew.")]
-# What a run does anyway; accepted since scripts of earlier versions give it.
+Fresh = Annotated[bool, typer.Option("--fresh", help="Remake every month.")]
+# Without effect; accepted because scripts of earlier versions give it.
 Resume = Annotated[bool, typer.Option("--resume", hidden=True)]
 Scheduler = Annotated[
     str | None, typer.Option(help="Address of a dask scheduler.", metavar="ADDRESS")
@@ -62,7 +62,7 @@ app = typer.Typer(
 )
 
 _INTERRUPTED = 130  # exit status of a command that SIGINT ended: 128 + 2
-# Faults of the disk or the folders: bad input, not a defect of airswing.
+# Errors of the disk or of folders: reported as bad input, not as a defect of airswing.
 _FAULTS = (
     "ENOSPC EDQUOT EFBIG EROFS EACCES EPERM ENOENT ENOTDIR EISDIR EEXIST EIO ENAMETOOLONG ELOOP "
     "EMFILE ENFILE ENOMEM ENOTEMPTY ESTALE"
@@ -265,7 +265,7 @@ def monitor(
 
 
 class _WithFormats(TyperCommand):
-    """Lists the export formats at the end of its help; they are looked up only then."""
+    """Lists the export formats at the end of its help; they are imported only then."""
 
     # typer imports both from a private module that differs between releases
     def format_help(self, ctx: Any, formatter: Any) -> None:
@@ -544,7 +544,7 @@ def _input_fault(err: Exception) -> str | None:
         return f"not enough memory; {limits}"
     if isinstance(err, OSError) and err.errno in _NOT_OURS:
         return f"{shortened(err.filename or 'a file')}: {err.strerror}"
-    # The NetCDF and HDF5 libraries report damaged data by these words alone.
+    # The NetCDF and HDF5 libraries report damaged data only by these words.
     words = ("NetCDF:", "HDF error", "inflate() failed", "filter returned failure", "read data")
     if any(word in str(err) for word in words):
         return f"a NetCDF file is damaged ({shortened(err)}); make it again, or remove it"

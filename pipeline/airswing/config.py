@@ -367,7 +367,7 @@ class Config(_Section):
         return member.lower() in {name.lower() for name in self.never_pool}
 
     def pools(self) -> dict[str, list[str]]:
-        """Every reference alone and every pool, with its members."""
+        """Every single reference and every pool, with its members."""
         return {name: [name] for name in self.references} | self.pool
 
     def main_reference(self) -> str:

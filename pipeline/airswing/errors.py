@@ -1,7 +1,7 @@
 """Errors for invalid user input (exit status 2), each shown as one message without a traceback.
 
 Every other exception is a defect of airswing (exit status 1). A message is one line of at most
-`LONGEST` characters, whatever a file contains: its parts are shortened in this module only.
+`LONGEST` characters for any content of a file: its parts are shortened in this module only.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class InputError(AirswingError):
     what : str
         What is wrong, in a short phrase.
     file, field, found, remedy : optional
-        The file and the column, variable or key concerned, what was found, what the user can do.
+        The file and the column, variable or key concerned, the value found, and the remedy.
     """
 
     def __init__(

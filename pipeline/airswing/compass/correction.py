@@ -286,8 +286,8 @@ NEEDED = (
     *("screening", "row_size", "platform", "horizontal_field", "heading_standard_error"),
     *("ground_velocity_error", "wind_speed_resolution", "wind_direction_resolution"),
 )
-"""Variables that the correction reads. Without the last five it is made for the mean field, and its
-standard error is that of the fit and the table alone."""
+"""Variables that the correction reads. Without the last five it applies to the mean field, and its
+standard error includes only the fit and the table."""
 
 
 def corrected_wind(
@@ -367,7 +367,7 @@ def correct(
     reference : str, optional
         Reference or pool of the fits; by default the first pool, without pools the first reference.
     method : {"table", "curve"}
-        Apply what the unit would do with its table, or the fitted curve itself.
+        Apply the table as the unit would, or the fitted curve.
     apply_airspeed_scale : bool
         Remove the airspeed scale as well.
 
@@ -376,7 +376,7 @@ def correct(
     Dataset
         The reports with ``corrected_eastward_wind, corrected_northward_wind, corrected_heading,
         corrected_wind_standard_error`` and ``correction_applied``; dask-backed where the headings
-        or the fits are. A report that is not corrected keeps its wind, and the flag says why.
+        or the fits are. Other reports keep their wind, and the flag states the reason.
 
     Raises
     ------

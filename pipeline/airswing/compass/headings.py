@@ -351,7 +351,7 @@ def _heading_errors(
     """Standard errors of the indicated heading and of the heading error, radians.
 
     The heading of a vector V turns by n.dV/|V|, n its right-hand normal. An error dV of the ground
-    velocity enters both air vectors, so that the difference of the two n/|V| is left.
+    velocity enters both air vectors, so that only the difference of the two n/|V| matters.
     """
     track, errors = triangle.bearing(ground.eastward, ground.northward), []
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -59,7 +59,7 @@ wrong unit of every column is named for all aircraft, and no correct archive has
 (deviations of 25 degrees and winds of a third of the strength included); with 1.2 a correct one has
 one, and with 5 some mistakes remain unnoticed. Valid for aircraft that fly as airliners and
 commuter aircraft do, in air within 15 K of the standard atmosphere or colder by any amount at low
-level. A reference in the wrong unit looks like reports in the wrong unit; the sentence says so.
+level. A reference in the wrong unit looks like reports in the wrong unit, as the message states.
 """
 
 from __future__ import annotations
@@ -372,7 +372,7 @@ def _vector(length: Array, direction: Array) -> Complex:
 
 
 def findings_of(sample: Sample) -> list[Finding]:
-    """Findings of one aircraft, without its name; a mistake that explains others is named alone.
+    """Findings of one aircraft, without its name; one that explains the others is given alone.
 
     The sample holds the variables of ``headings`` that the tests use (m s-1, m, K, degrees) and,
     complex (eastward + 1j northward), ``wind``, ``reference``, ``ground`` and ``chord``; NaN where

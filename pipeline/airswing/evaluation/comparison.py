@@ -96,9 +96,8 @@ def compare(
         ``pairs``, each with ``references``, ``reports``, ``mean_vector_difference_m_s``, ``fleet``
         (difference of the coefficients common to the fleet), ``aircraft``, ``regions``,
         ``poolable`` (None where it cannot be determined), ``why``, and ``own_test`` (False for a
-        pool and its member, whose difference is made of the members'); the same
-        ``by_lead_time``, ``by_phase``, ``by_level`` and ``by_season`` without single aircraft;
-        ``three_way``.
+        pool and its member, whose difference follows from the members'); the same ``by_lead_time``,
+        ``by_phase``, ``by_level`` and ``by_season`` without single aircraft; ``three_way``.
 
     Raises
     ------
@@ -297,7 +296,7 @@ class PairSums:
 
 
 def common_equations(equations: Floats) -> Floats:
-    """Equations (day, 5, 6) of A to E alone, from those of one aircraft, (day, 8, 9).
+    """Equations (day, 5, 6) of A to E only, from those of one aircraft, (day, 8, 9).
 
     The airspeed scale and the bias are eliminated. The equations of all aircraft add up, day by
     day: parameters that an aircraft cannot determine (few reports, few headings) have no weight.

@@ -134,13 +134,12 @@ def field_test(
     Returns
     -------
     dict
-        Content of ``field_test.json`` but for the expected reduction: ``groups`` (each with
+        Content of ``field_test.json`` except the expected reduction: ``groups`` (each with
         ``aircraft``, ``before_kt``, ``during_kt``, ``reduction_kt``, their ``*_ci_kt`` and
         ``reports_before``, ``reports_during``), ``adjusted_reduction_kt`` and
-        ``adjusted_reduction_quadrature_kt`` with ``*_ci_kt``, ``days_before``, ``days_during``;
-        the same ``by_reference``; ``permutation``, ``regression_to_the_mean``,
-        ``matched_controls``, ``by_aircraft``; ``components`` (m/s) by group and window; the dates,
-        and ``notes``.
+        ``adjusted_reduction_quadrature_kt`` with ``*_ci_kt``, ``days_before``, ``days_during``; the
+        same ``by_reference``; ``permutation``, ``regression_to_the_mean``, ``matched_controls``,
+        ``by_aircraft``; ``components`` (m/s) by group and window; the dates, and ``notes``.
 
     Raises
     ------

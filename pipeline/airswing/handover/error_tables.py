@@ -9,7 +9,7 @@ JEDI's files are those of UFO's DataExtractor: a line of names ``Group/variable`
 then rows, ``_`` for a missing value; station ``_`` is for stations without rows. A file has one
 payload column, so each wind component has a file. ObsFunction DrawObsErrorFromFile reads variances
 from the group ``ErrorVariance``. Files of ioda-converters pad aircraft identifiers to eight
-characters: a shorter one has its rows twice, as it is and padded.
+characters: a shorter one has its rows twice, unpadded and padded.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ from airswing.products.ragged import time_span
 from airswing.products.whole_files import atomic
 
 FILE_NAME = "current_bad_aircraft"
-HEADER_LINES = 16  # that GSI skips, whatever they hold
+HEADER_LINES = 16  # skipped by GSI
 FEWEST = 200
 """Fewest reports for a decision on an aircraft; the smallest number in real lists."""
 LARGEST_LIST = 500
@@ -177,7 +177,7 @@ def _verdict(
 
 
 def _of_wind(reason: str) -> bool:
-    """Whether a reason concerns the wind: not those of temperature or humidity alone."""
+    """Whether a reason concerns the wind, and not only temperature or humidity."""
     return not reason.endswith(("_T", "_RH")) or "_W_" in reason
 
 

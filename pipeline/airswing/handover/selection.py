@@ -275,8 +275,8 @@ def _runs(rows: Rows, flight: NDArray[np.int64]) -> NDArray[np.int64]:
 def identifiers(request: Request) -> list[str]:
     """Identifier of every aircraft in the files: its name, or a number of five digits.
 
-    An aircraft whose name is a number keeps it; the others get the numbers that are free. A name
-    that is too long or not printable is refused: changed it could be that of another aircraft.
+    An aircraft whose name is a number keeps it; the others get unused numbers. A name that is too
+    long or not printable is refused: changed it could be that of another aircraft.
     """
     names = request.aircraft
     for name in names:

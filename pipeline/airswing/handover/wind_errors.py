@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 BASE, BY_AIRCRAFT = "observation_error_filled", "aircraft_observation_error"
-LEAST = 0.5  # m/s: coding in whole knots and degrees alone costs 0.4 m/s at a wind of 30 m/s
+LEAST = 0.5  # m/s: coding in whole knots and degrees causes 0.4 m/s at a wind of 30 m/s
 LEAST_SHARE = 0.25  # of the base variance, that the variance of a report is at least
 
 
@@ -102,7 +102,7 @@ class WindErrors:
 
     @property
     def source(self) -> str:
-        """Where the errors come from."""
+        """Source of the errors."""
         return "WRFDA's table" if np.isnan(self._base).all() else ERRORS
 
     @property

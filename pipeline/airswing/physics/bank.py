@@ -2,10 +2,10 @@
 
 A turn lasts about as long as the interval between reports, so the bank of three fixes is
 distributed over neighbouring reports and too small at the turn (factor 1.4 to 1.8 in trials). The
-roll flag says at which reports the aircraft banked by more than five degrees. Reports come at fixed
-intervals independent of the aircraft's motion, so that the share of flagged reports is the share of
-time in such a bank, and the total turned angle, which chords conserve, gives its mean: ``mean bank
-= (turned angle - part turned in a lesser bank) / time flagged``.
+roll flag marks the reports at which the aircraft banked by more than five degrees. Reports come at
+fixed intervals independent of the aircraft's motion, so that the share of flagged reports is the
+share of time in such a bank, and the total turned angle, which chords conserve, gives its mean:
+``mean bank = (turned angle - part turned in a lesser bank) / time flagged``.
 
 * flagged: that mean, towards the side the track turns;
 * not flagged: the least of the banks at the report and its neighbours where all turn one way (a
@@ -33,7 +33,7 @@ LIMIT = float(np.radians(5.0))
 """Bank at which the roll flag turns bad, rad."""
 LARGEST = float(np.radians(25.0))  # Bank of an ordinary turn at most, rad
 VISIBLE = float(np.radians(1.0))  # Bank above the noise of three fixes, rad
-# Turn between two chords up to which the arc is taken for a circle's, rad.
+# Largest turn between two chords for which the arc is taken as circular, rad.
 WIDEST = float(np.radians(150.0))
 FEWEST = 30
 """Flagged reports below which the track alone is used."""

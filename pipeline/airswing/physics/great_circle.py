@@ -1,6 +1,6 @@
 """Angles along great circles of a sphere: distances are within 0.5 % of the ellipsoid's.
 
-The haversine formula holds for places close together, where that of cosines loses all digits.
+The haversine formula holds for places close together, where the cosine formula loses all digits.
 """
 
 from __future__ import annotations

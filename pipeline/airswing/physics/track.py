@@ -255,7 +255,7 @@ def _bends(fixes: _Fixes) -> Index:
 def _widen(fixes: _Fixes, before: Index, after: Index, density: float) -> None:
     """Widen the windows that then have a lower expected variance of the velocity (in place)."""
     speed = _local_speed(fixes)
-    # an error of time moves a fix along the track alone: half of it is a component's
+    # an error of time moves a fix only along the track: a component has half of its variance
     noise = fixes.position_variance + 0.5 * speed**2 * fixes.time_variance
     everyone, when = np.arange(fixes.seconds.size), fixes.seconds
     gain, wander = _variances(
@@ -364,7 +364,7 @@ def _chord(fixes: _Fixes, reach: Index, side: int) -> tuple[Array, Array, Array,
         fixes.latitude, fixes.longitude, here, here + side * reach[here]
     )
     everyone = np.arange(size)
-    # a reach of zero is the report itself: zero over zero is NaN
+    # a reach of zero has no chord: zero over zero is NaN
     there = everyone + side * reach
     duration = side * (fixes.seconds[there] - fixes.seconds)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -34,7 +34,7 @@ _STREAMING = (0xFFFFFFFF, 0xFFFFFFFFFFFFFFFF)
 
 
 class _HeaderError(Exception):
-    """The header contradicts itself or ends early."""
+    """The header is inconsistent or ends early."""
 
 
 def require_sound(path: Path) -> None:
@@ -85,7 +85,7 @@ def _fault(path: str) -> str:
 
 
 def _require_whole(file: BinaryIO, path: Path) -> None:
-    """Refuse a classic file whose header describes more than the file holds."""
+    """Refuse a classic file whose header describes more data than it contains."""
     size = path.stat().st_size
     try:
         needed, records = _extent(file)
@@ -105,7 +105,7 @@ def _require_whole(file: BinaryIO, path: Path) -> None:
 
 
 def _extent(file: BinaryIO) -> tuple[int, int]:
-    """Bytes that the variables of a classic file reach to, and the number of records."""
+    """End of the variables of a classic file in bytes, and the number of records."""
 
     def number(length: int) -> int:
         found = file.read(length)

@@ -283,7 +283,7 @@ def build_catalogue(
 
 
 def _engine(sources: Sequence[SourceFile], where: str) -> str:
-    """The engine of all files; damaged ones are left to the reader."""
+    """The engine of all files; damaged ones are reported by the reader."""
     kinds: dict[str, str] = {}
     for source in sources:
         with contextlib.suppress(OSError, InputError):

@@ -123,7 +123,7 @@ class Batch(NamedTuple):
     """Winds of model times at their reports: a table each, see :func:`winds.winds_at`."""
 
     tables: list[Floats]
-    problems: tuple[tuple[str, str], ...]  # file and reason of what could not be read
+    problems: tuple[tuple[str, str], ...]  # file and reason of unreadable content
     account: Floats  # as `ACCOUNT`
 
 
@@ -316,7 +316,7 @@ def _join(
     leads: Ints,
     derivatives: bool,
 ) -> tuple[Floats, Floats, NDArray[np.object_]]:
-    """Join samples in time: columns by report, `ACCOUNT`, and what could not be read."""
+    """Join samples in time: columns by report, `ACCOUNT`, and unreadable content."""
     first = np.full((9 if derivatives else 2, times.earlier.size), np.nan)
     second = first.copy()
     account, problems = np.zeros(len(ACCOUNT)), set()

@@ -81,7 +81,7 @@ def grib_statistic(edition: int, sections: Mapping[int, bytes]) -> str:
         return f"not instantaneous: {_RANGES.get(indicator, 'time range')} (indicator {indicator})"
     if centre == 98 and len(product) >= 45 and product[40]:
         return _mars(product[42], int.from_bytes(product[43:45], "big"))
-    # NCEP: byte 41 says ensemble, byte 44 which product of it (1: full field or mean, 2: mean)
+    # NCEP: byte 41 marks an ensemble, byte 44 its product (1: full field or mean, 2: mean)
     if centre == 7 and len(product) >= 44 and product[40] == 1 and product[43] not in (1, 2):
         return f"ensemble statistic other than a mean (product {product[43]})"
     return ""

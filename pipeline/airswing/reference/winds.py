@@ -4,7 +4,7 @@ Linear in the logarithm of pressure in each column of the model, then bilinear i
 space, both along the grid; then the components are rotated to true east and north at the reports.
 If u, v and pressure lie on different points, each is interpolated on its grid and the pressure of
 native levels is that at the report. Nothing is extrapolated. A missing corner with nonzero weight
-makes the value missing. A report's value depends on that report alone.
+makes the value missing. A report's value depends only on that report.
 """
 
 from __future__ import annotations

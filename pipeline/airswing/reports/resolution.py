@@ -2,8 +2,8 @@
 
 The coarsest of a list of steps in use on which at least 90 % of an aircraft's values lie; with
 fewer than 5 reports the most frequent step of the fleet. An aircraft that reports on whole minutes
-looks like one whose times are truncated to the minute, unless its ground speeds are far steadier
-than such a clock allows and no minute holds two reports; then its clock is exact to a second.
+is assumed to truncate times to the minute, unless its ground speeds are far steadier than such a
+clock allows and no minute has two reports; then its clock is exact to a second.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.reports.audit import Audit
 
 Column: TypeAlias = "pd.Series[Any]"
-"""A column of a table, of whatever type its file gives it."""
+"""A column of a table, of any type."""
 Times: TypeAlias = NDArray[np.datetime64]
 Floats: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]

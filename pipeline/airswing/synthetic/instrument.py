@@ -2,12 +2,12 @@
 
 The flux valve is a vector instrument. The earth's field (H, declination, Z) is turned into the
 airframe by the true magnetic heading, distorted by soft iron (a matrix) and hard iron (a constant
-vector), then seen in the plane of a pendulous sensing element along the apparent vertical:
-acceleration or bank tilts the plane and admits the vertical field. Indicated heading = angle of
-the sensed vector + misalignment + the declination stored in the unit. Wind = GPS ground velocity -
+vector), then projected on the plane of a pendulous sensing element normal to the apparent vertical:
+acceleration or bank tilts the plane and admits the vertical field. Indicated heading = angle of the
+sensed vector + misalignment + the declination stored in the unit. Wind = GPS ground velocity -
 indicated airspeed along the indicated heading. No formula of a deviation curve is used: curves
-follow from the vectors. Heading error = indicated - true; with hard iron p,
-sin(error) = -(p_f sin m + p_r cos m) / H exactly, m the indicated magnetic heading.
+follow from the vectors. Heading error = indicated - true; with hard iron p, sin(error) = -(p_f sin
+m + p_r cos m) / H exactly, m the indicated magnetic heading.
 
 A fault is a mapping ``{"name", "tails", "parameters", "period"}``: ``tails`` null or ``all`` for
 the whole fleet, ``period`` null or ``[start, end]`` in ISO 8601 (either may be null). Names and

@@ -22,13 +22,13 @@ START = np.datetime64("2017-01-11T00:00", "ns")
 LEVELS = (500.0, 400.0, 300.0, 250.0, 200.0)
 # Standard altitudes of the levels that are flown.
 _ALTITUDE_FT = {300.0: 30065.0, 250.0: 33999.0}
-# m; apart from the package's, so that a wrong radius there shows.
+# m; independent of the package's, so that a wrong radius there is detected.
 EARTH = 6_371_000.0
 STEP_S, REPORTS = 10, 150
 WEST = -127.0  # edge of the region, degrees
 # Degrees: resolution of heading and track in registers 6,0 and 5,0.
 _ANGLE_STEP = 90.0 / 512.0
-# Deviation A, B, C (degrees), and the only true heading of those that fly a single one.
+# Deviation A, B, C (degrees), and the true heading of aircraft that fly only one.
 AIRCRAFT = {
     "a00001": (1.2, 2.0, -1.5, None),
     "a00002": (-0.8, -1.0, 2.5, None),

@@ -15,7 +15,7 @@ from airswing.synthetic.archive import write_archive
 
 SEED = 2012
 DAYS_BEFORE, DAYS_AFTER = 34, 8
-"""Days to learn six curves from, and of the test."""
+"""Days for the fit of six curves, and of the test."""
 CORRECTED = ("N401", "N404")
 # Offset, amplitude and phase (degrees) and airspeed scale (per cent) of each unit.
 _UNITS = {

@@ -1,9 +1,9 @@
 """Reports of one day flown through a real model run with its real forecast error.
 
 The folder holds one run (a 00Z cycle, valid times of one day) and an analysis of a later cycle,
-GRIB1 on a Lambert grid. True wind = run + (later analysis - run at the same time), looked up some
-rows and columns away: every flight has another shift, hence an independent draw of an error with
-the true structure in space and height. Run as ``python -m airswing.synthetic.real_winds FOLDER
+GRIB1 on a Lambert grid. True wind = run + (later analysis - run at the same time), shifted by some
+rows and columns: every flight has another shift, and thus an independent error with the true
+structure in space and height. Run as ``python -m airswing.synthetic.real_winds FOLDER
 GRIB_FOLDER``. Units: hours from the run's start, hPa, m/s.
 """
 
@@ -31,7 +31,7 @@ from airswing.synthetic.instrument import EarthField, parse_faults
 from airswing.synthetic.observe import Coding, Units, observe
 from airswing.synthetic.truth import fleet_deviations, save_truth, truth_record
 
-# Levels of lower pressure (hPa) are left out: tours fly below them.
+# Levels of lower pressure (hPa) are omitted: tours fly below them.
 _LOWEST = 350
 _TRIES = 60
 # Latitude and longitude (degrees), pressure (Pa) and hours of points (n,).
@@ -116,7 +116,7 @@ def read_run(folder: Path) -> tuple[GriddedReference, GriddedReference, datetime
 
 
 def _filled(stored: GriddedReference) -> GriddedReference:
-    """Fields whose gaps have the nearest value of the same level."""
+    """Fields with gaps filled by the nearest value of the same level."""
     wind = stored.wind.copy()
     for index in np.ndindex(*wind.shape[:3]):
         gap = np.isnan(wind[index])

@@ -109,9 +109,9 @@ def _at_address(address: str, progress: Progress) -> Iterator[None]:
 
 
 def require_same_code(client: Client) -> None:
-    """Refuse, with InputError, workers whose airswing would give other values."""
+    """Raise InputError for workers with another version of airswing."""
     answers = client.run(code_digest, on_error="return")
-    # a worker that was lost meanwhile (OSError) does no work
+    # ignore a worker that was lost meanwhile (OSError)
     other = sorted(
         worker
         for worker, digest in answers.items()

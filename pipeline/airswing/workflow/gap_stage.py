@@ -170,14 +170,14 @@ def diagnosis(
 def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.Dataset:
     """Headings with the winds of the gap's references an hour before and after each report.
 
-    They show what a reference with wrong valid times would give. The tendency between two fields
-    shows half of it where waves are small.
+    They are the winds that a reference with wrong valid times would give. The tendency between two
+    fields shows half of it where waves are small.
 
     Parameters
     ----------
     offset : float
-        Of the time (h) that the fields show from the one they are stamped with; the winds at the
-        reports are those of the right time.
+        Correct minus stated valid time of the fields (h); the winds at the reports are those of the
+        correct time.
     """
     config = job.config
     members = job.pools[config.gap_reference()]

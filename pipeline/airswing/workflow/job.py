@@ -29,7 +29,7 @@ class Job:
 
     config: Config
     progress: Progress
-    fresh: bool = False  # make every month anew
+    fresh: bool = False  # remake every month
     # results of one stage that a later one of the same run needs
     shared: dict[str, Any] = field(default_factory=dict, repr=False)
 

@@ -105,7 +105,7 @@ def run(
     output : str or path, optional
         Folder of the products, in place of the configuration's.
     fresh : bool, default False
-        Make every month anew; else months whose inputs are unchanged are kept.
+        Remake every month; by default months whose inputs are unchanged are kept.
     quiet : bool, default True
         Show no progress on standard error.
     scheduler : str, optional

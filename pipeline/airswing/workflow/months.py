@@ -120,7 +120,7 @@ def make_headings(job: Job) -> xr.Dataset:
 class ReportArchive:
     """The report files of a configuration, cleaned, and the days that each has reports of.
 
-    Files that an earlier run has noted are read only where one of their reports is needed.
+    Files recorded by an earlier run are read only if their reports are needed.
     """
 
     def __init__(self, job: Job) -> None:
@@ -269,7 +269,7 @@ def _days_of(frame: pd.DataFrame) -> Days:
 
 
 def catalogues(job: Job) -> dict[str, Catalogue]:
-    """Catalogue the files of every reference that is read from files, once for a job."""
+    """Catalogue the files of every reference with files, once for a job."""
     # a simulation on other paths shares the results of its job, but may have other references
     key = f"catalogues of {job.config.references!r}"
     if key in job.shared:

@@ -34,7 +34,7 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     Parameters
     ----------
     config : Path
-        With a section ``postprocess``; that of the main job, or a file with this section alone.
+        With a section ``postprocess``, with or without the other sections.
     output : Path, optional
         Replaces the configuration's folder.
 

@@ -197,7 +197,7 @@ def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Datase
 def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
     """Fits by month (by quarter in long archives) and changes of compasses: ``stability.json``.
 
-    Windows before the first month that was made anew keep their fits of the last run.
+    Windows before the first remade month keep their fits of the last run.
     """
     with job.progress.stage("stability") as stage:
         first, last = (day.astype("datetime64[D]") for day in time_span(headings))

@@ -4,7 +4,7 @@ Works on the sums of each aircraft, not on reports. Without the shared error of 
 biases are pooled over the fleet (`airswing.compass.fit.pooling`) and errors are clustered by
 flight, enlarged where days scatter more. With it, the whole fleet is solved together
 (`airswing.compass.fleet.solution`) and errors are clustered by day. Where headings or flights do
-not allow a curve the constant alone is published: A, the other coefficients zero with the variance
+not allow a curve only the constant is published: A, the other coefficients zero with the variance
 of cycles as large as the fleet's, without amplitude. Coefficients are NaN where nothing is
 published. They are taken as normal; functions of them to first order (delta method), except that
 the phase's error near zero amplitude is that of the arc sine.
@@ -17,7 +17,7 @@ minus the sum of the influences of the part's flights, enlarged by the weight of
 influences are those of the aircraft's single fit, brought to the published covariance. The squared
 vector disagreement with the reference is a quadratic function of the coefficients, whose sums by
 part the fit has kept. The bias of the reference that goes with the published coefficients is
-removed before and after the correction, but no more of it than `MAX_BIAS`.
+removed before and after the correction, but at most `MAX_BIAS` of it.
 
 * A mean difference from every reference above `IMPLAUSIBLE`, too large for an error of a model:
   ``implausible_reports``.

@@ -115,8 +115,8 @@ def sum_aircraft(
 ) -> xr.DataArray:
     """Fit each aircraft separately: the part of :func:`fit_deviation` that reads reports.
 
-    The result (reference, aircraft) holds objects. That of an aircraft depends on its reports
-    alone, so that parts of a fleet may be summed and concatenated for :func:`fit_sums`.
+    The result (reference, aircraft) holds objects. That of an aircraft depends only on its reports,
+    so that parts of a fleet may be summed and concatenated for :func:`fit_sums`.
     """
     for name in FITTED_FROM[:-1]:
         if name not in headings:

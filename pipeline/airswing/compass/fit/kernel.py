@@ -50,10 +50,10 @@ CUT_2D, CUT_1D = 5.0, 4.685
 MEDIAN_CHI2 = 0.4549  # median of the square of a standard normal variable
 LARGEST_STEP = 0.3
 """Clustered standard errors below which a step ends the iteration: a Newton step with robust
-weights leaves 2 to 3 % of itself, here a hundredth of the standard error."""
+weights leaves 2 to 3 % of its length, here a hundredth of the standard error."""
 MOST_STEPS = 40  # five to ten are usual
 ENOUGH = 2e-6
-"""Radians: a step as small as this ends the iteration whatever the standard error."""
+"""Radians: a step as small as this ends the iteration for any standard error."""
 FOLDS = 10
 """Parts of the days that are held out in turn."""
 MANY = 150
@@ -252,9 +252,9 @@ def fit_aircraft(
     flight_day : array of int, shape (flights,)
         Day (since 1970) on which each flight began.
     joint : bool
-        Fit the components across and along the heading together; else the heading error alone.
+        Fit the components across and along the heading together; else the heading error only.
     harmonics : {0, 1, 2}
-        Cycles of the deviation; 0: A and the airspeed scale alone, the bias zero.
+        Cycles of the deviation; 0: only A and the airspeed scale, with zero bias.
     with_blocks : bool
         Also return the sums that the fit of the fleet needs.
 
@@ -397,7 +397,7 @@ def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: 
         return np.asarray(score @ (inverse_root @ inverse_root.T * (np.sqrt(factor) / kappa)))
     whitened = score @ inverse_root
     part, axes = np.linalg.eigh(inverse_root.T @ normals @ inverse_root)
-    # the leverage is one where a cluster alone determines a parameter: its residual is zero
+    # the leverage is one where a single cluster determines a parameter: its residual is zero
     gain = 1.0 / np.sqrt(np.clip(1.0 - part, 0.05, 1.0))
     turned = (whitened[:, np.newaxis, :] @ axes)[:, 0, :] * gain
     whitened = (axes @ turned[..., np.newaxis])[..., 0]

@@ -4,7 +4,7 @@ The unknowns are the coefficients of each aircraft (A to E and the airspeed scal
 aircraft in two components, and the lasting part of the field (`airswing.compass.fleet.field`) in
 two components; passing part, pieces and blocks are in the weights (generalized least squares).
 
-Aircraft are connected by the field alone: were it known, the information of each would be a
+Aircraft are connected only by the field: if it were known, the information of each would be a
 separate block. The passing part reduces it by H' G H, with G the posterior covariance of a
 segment's nodes and H the weighted sums of an aircraft's design at the nodes it flew near, a sparse
 matrix. The whole matrix is multiplied without being formed.
@@ -231,7 +231,7 @@ class Reference:
         return found
 
     def _parts(self) -> Iterator[Precision]:
-        """Every block once, some days at a time."""
+        """Iterate over all blocks, some days at a time."""
         if not self.thinned:
             yield self.some
             return

@@ -9,8 +9,8 @@ mean. Up to `WRITTEN_OUT` unknowns the matrix is formed and inverted. With more 
 * systems are solved by `scipy.sparse.linalg.cg`, preconditioned with the blocks of each aircraft
   and of each lasting part;
 * traces and sums of squares are estimated with random signs (Hutchinson), the same in every run;
-* an aircraft's covariance is the inverse of its block, plus what the lasting part adds, which is
-  exact, times the mean over the fleet of the ratio of the true variances to these.
+* an aircraft's covariance is the inverse of its block, plus the contribution of the lasting part,
+  which is exact, times the mean over the fleet of the ratio of the true variances to these.
 
 Errors of different days (four segments, UTC) are taken as independent; within a day any correlation
 is allowed. The covariance is the model's times the fleet's mean ratio of the sandwich over days to

@@ -59,7 +59,7 @@ GROSS = 8.0
 
 @dataclass(frozen=True)
 class CompassDays:
-    """Normal equations of one row an aircraft and day, sorted by aircraft and day."""
+    """Normal equations, one row for each aircraft and day, sorted by aircraft and day."""
 
     aircraft: Ints  # (row,)
     day: Ints  # (row,): days since 1970

@@ -383,7 +383,7 @@ def wind_days(
 
 
 def changed_since(found: Monitoring) -> dict[str, str]:
-    """Aircraft whose compass changed, and the last day that the last change may have been."""
+    """Aircraft whose compass changed, and the latest possible day of the last change."""
     since: dict[str, str] = {}
     for event in found.events:
         if event.kind == "compass_changed" and event.aircraft is not None:

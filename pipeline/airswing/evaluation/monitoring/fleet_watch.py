@@ -31,7 +31,7 @@ BLOCK_DAYS = 21
 ENOUGH_ROWS, FEWEST_AIRCRAFT = 20_000, 20
 """Rows used to estimate the errors of a day, and the fewest aircraft among them."""
 MONTH_BEFORE = 28
-"""Days before a month that its errors are estimated from; where fewer, the month itself is used."""
+"""Days before a month from which its errors are estimated; with fewer, the month is used."""
 LIKELY = 3.0
 """Log likelihood ratio beyond which an aircraft of a small fleet seems to have stepped too."""
 _DEGREE = np.pi / 180.0
@@ -196,7 +196,7 @@ def common_part(
         rest = score - weight @ middle
         inside = np.linalg.solve(precision / 25.0 + weight, rest[..., np.newaxis])[..., 0]
         distance = np.einsum("ni,ni->n", rest, inside)
-        # an aircraft that stepped itself must not move the common part
+        # a step of an aircraft must not change the common part
         share = FAR / (FAR + distance**2 / FAR)
         total = (share[:, np.newaxis, np.newaxis] * weight).sum(0)
         right = (share[:, np.newaxis] * score).sum(0)

@@ -1,8 +1,8 @@
 """Headers of GRIB files: where each wind field is, its level, time, grid and packing.
 
 Reads lengths and fixed bytes of the sections only, some ten times faster than ecCodes, and checks
-them against each other: a message that contradicts itself is skipped and named. u and v are known
-by parameter; levels are isobaric, or native with pressure as a third field on the same levels. The
+them against each other: an inconsistent message is skipped and named. u and v are known by
+parameter; levels are isobaric, or native with pressure as a third field on the same levels. The
 lowest value of a field is R 10^-D (WMO FM 92 regulation 92.9.4). Offsets in bytes from the start of
 the file, counted from 0 (WMO tables: from 1); times in ns since 1970, leads in s, pressure in Pa.
 """
@@ -173,7 +173,7 @@ def scan_file(path: str) -> FileContents:
                         if kind != PRESSURE or skip.what != "wind":
                             contents.skipped[skip.what, skip.reason] += 1
         except (GarbageError, LookupError, ValueError, ArithmeticError, struct.error) as reason:
-            # of a message that contradicts itself no part is used
+            # no part of an inconsistent message is used
             del contents.fields[before:]
             stated = str(reason) if isinstance(reason, GarbageError) else ""
             contents.skipped["message", stated or LENGTHS] += 1

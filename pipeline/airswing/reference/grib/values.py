@@ -211,7 +211,7 @@ def _keys_of(message: bytes, names: list[str]) -> dict[str, KeyValue]:
 
 
 def _probes(row: np.void, size: int) -> Ints:
-    """Points at which to judge a field; none if its header allows no impossible value."""
+    """Points at which a field is tested; none if its header excludes impossible values."""
     if row["sparse"]:
         scale = 10.0 ** -int(row["decimal_scale"])
         lowest = float(row["reference_value"]) * scale

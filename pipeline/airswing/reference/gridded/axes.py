@@ -7,8 +7,8 @@ coordinates are one-dimensional along two dimensions, or latitudes and longitude
 Times are known by `standard_name` (``time``, ``forecast_reference_time``, ``forecast_period``),
 else by the usual names and by dimensions: a time that does not vary along the dimension of the
 leads is a base time, also if the configuration names it as `time`. Any two give the third; a valid
-time alone is an analysis, lead 0. A lead without units is in hours. Calendars without leap years
-are taken by their dates.
+time without another is an analysis, lead 0. A lead without units is in hours. Calendars without
+leap years are taken by their dates.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def _horizontal(
     if cells or (y is not None and x is not None and y.ndim == 1 and y.dims == x.dims):
         raise unstructured(cells or str(parsed.dims[-1]))
     last = [d for d in parsed.dims[-2:] if _PROJECTED.match(str(d)) and d in parsed.coords]
-    if (y is None or x is None) and len(last) == 2:  # known by name and place alone, y before x
+    if (y is None or x is None) and len(last) == 2:  # recognised only by name and order, y before x
         y, x = (parsed.coords[d] for d in last)
     if y is None or x is None:
         raise InputError(

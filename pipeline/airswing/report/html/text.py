@@ -45,7 +45,7 @@ def number_text(value: SupportsFloat | None, *, digits: int = 2, factor: float =
 
 
 def interval_text(value: float, half: float, *, digits: int = 2, sign: bool = False) -> str:
-    """Return ``value ± half width``, the number alone without an interval, or a dash."""
+    """Return ``value ± half width``, only the number without an interval, or a dash."""
     if not np.isfinite(value):
         return "-"
     number = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"

@@ -38,7 +38,7 @@ from airswing.version import __version__
 
 # Aircraft in small panels, in one figure of small panels, in large panels, and in an overview.
 SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS, OVERVIEW = 96, 12, 12, 40
-# Report files left out that are named; the product names all.
+# Most skipped report files that are named; the product names all.
 _FILES_NAMED = 20
 
 PRODUCTS = {

@@ -281,7 +281,7 @@ def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) ->
 
 
 def screening_audit(headings: xr.Dataset) -> list[tuple[str, int, int]]:
-    """Return the screening rules with the reports they marked, in all and alone, largest first."""
+    """Return the screening rules with the reports they marked, in total and as the only rule."""
     flags = headings["screening"].to_numpy()
     rules = [
         (name, int((flags & bit > 0).sum()), int((flags == bit).sum()))

@@ -2,7 +2,7 @@
 
 A swing card is the deviation card of a compass swing: the 8-point table for the unit, the compass
 heading to steer for each magnetic heading, the deviation's formula and the data behind them. The
-file depends on its input alone: the date on the card is that of the fits.
+file depends only on its input: the date on the card is that of the fits.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def write_swing_cards(
     Returns
     -------
     int
-        Number of cards. Aircraft whose fit was refused have none; ``tables.csv`` says why.
+        Number of cards. Aircraft whose fit was refused have none; ``tables.csv`` states the reason.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 How an effect is drawn is stated with the effect (`Draw`, in its file of the catalogue); its physics
 is the generator's. A draw is later scaled so that it changes the wind by a stated root mean square
-where it acts (its strength); effects of the variance alone (coding) or of rare reports (gross
+where it acts (its strength); effects on the variance only (coding) or on rare reports (gross
 errors) have a ladder of steps instead.
 """
 
