@@ -74,7 +74,7 @@ class _Section(BaseModel):
 
 
 class Reports(_Section):
-    """Where the aircraft reports are and what their columns mean."""
+    """Files of the aircraft reports and the meaning of their columns."""
 
     files: Strings
     format: str = "auto"
@@ -90,7 +90,7 @@ class Reports(_Section):
 
 
 class Reference(_Section):
-    """Where one model's winds are, which lead times and ensemble member are used.
+    """Files, lead times and ensemble member of one model's winds.
 
     The names (`u` to `units`) state metadata that a file lacks. Engine `fleet` has no files: the
     wind is computed from the aircraft's reports.

@@ -35,7 +35,7 @@ def shortened(value: object, most: int = _LONGEST_PART) -> str:
         plain = isinstance(value, list | tuple | dict | set | frozenset | bytes)
         try:
             text = _REPR.repr(value) if plain else str(value)
-        except (ValueError, RecursionError):  # a number of very many digits somewhere in it
+        except (ValueError, RecursionError):  # it contains a number of very many digits
             text = f"a {type(value).__name__}"
     over = len(text) - 4 * most  # before the costly part
     if over > 0:

@@ -16,8 +16,8 @@ KNOT = 1852.0 / 3600.0
 FOOT = 0.3048  # Metres in a foot: the international foot of 1959, exact
 ZERO_CELSIUS = 273.15  # Kelvin at zero degrees Celsius (BIPM, SI brochure)
 HOUR, DAY = 3600.0, 86400.0  # Seconds
-EARTH_RADIUS = 6371008.8  # Mean radius of the earth, m (IUGG 1980), where a sphere is near enough
-# Of latitude on the mean sphere: good to 0.5 % of the ellipsoid's, where that is near enough.
+EARTH_RADIUS = 6371008.8  # Mean radius of the earth, m (IUGG 1980), where a sphere is sufficient
+# Metres in a degree of latitude on the mean sphere: within 0.5 % of the ellipsoid's.
 METRES_PER_DEGREE = 111195.0
 # Radius of the sphere most models are computed on, m (GRIB2 code table 3.2, entry 6).
 MODEL_EARTH_RADIUS = 6371229.0

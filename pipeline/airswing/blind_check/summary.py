@@ -130,7 +130,7 @@ def targets(scores: Sequence[Score]) -> pd.DataFrame:
     Parameters
     ----------
     scores : sequence of mapping
-        Of the cases.
+        Scores of the cases.
 
     Returns
     -------

@@ -143,7 +143,7 @@ def add_tables(
     Parameters
     ----------
     fits : Dataset
-        With ``deviation`` and ``status``.
+        Fits with ``deviation`` and ``status``.
     headings : Dataset, or array of int, shape (aircraft, 360)
         The reports of the fit, whose headings weight the projection; or their counts, of
         :func:`heading_histogram`.

@@ -32,7 +32,7 @@ from airswing.vocabulary import describe
 
 MAX_INNOVATION, MAX_INNOVATION_SHARE = 40.0, 1.0 / 3.0  # m s-1; share of the airspeed
 AIRSPEEDS = (25.0, 350.0)  # m s-1: the range of aircraft that report winds
-# Of the ground speed: a single chord of two whole minutes has 0.27, of three 0.15.
+# Share of the ground speed: a single chord of two whole minutes has 0.27, of three 0.15.
 MAX_GROUND_VELOCITY_ERROR = 0.15
 
 

@@ -41,7 +41,7 @@ REACH = (30_000.0, 0.06, 1350.0)
 FEWEST_PAIRS, FEWEST_OF_CELL, FEWEST_DAYS = 400, 150, 8
 """Below these the parts of the error cannot be separated."""
 _MOST_AT_ONCE = 20_000  # reports of a day; more are thinned at random
-_TERMS = 4  # of the reference's error with separation
+_TERMS = 4  # terms of the reference's error as a function of separation
 _BINS = 8  # classes of separation, each with one variance of half squares
 
 

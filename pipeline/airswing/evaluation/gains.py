@@ -73,11 +73,11 @@ def expected_gain(
 ) -> tuple[float, float, Floats]:
     """Expected reduction of the mean wind vector disagreement of one aircraft.
 
-    Of the reports the deviation was fitted to, ``wind`` and ``reference`` are (2, n), eastward and
-    northward, m/s; ``heading`` (indicated true) and ``argument`` of the deviation (n,) in radians;
-    ``deviation`` (5,) and ``covariance`` (5, 5) in degrees. Returns the mean disagreement as
-    reported, the expected reduction with the optimism subtracted, and the gain under draws of the
-    coefficients and days (draws,), all m/s; infinite spread with one day.
+    For the reports of the fit, ``wind`` and ``reference`` are (2, n), eastward and northward, m/s;
+    ``heading`` (indicated true) and ``argument`` of the deviation (n,) in radians; ``deviation``
+    (5,) and ``covariance`` (5, 5) in degrees. Returns the mean disagreement as reported, the
+    expected reduction with the optimism subtracted, and the gain under draws of the coefficients
+    and days (draws,), all m/s; infinite spread with one day.
     """
     basis = np.radians(deviation_basis(argument).T)
     fitted = basis @ deviation
@@ -412,7 +412,7 @@ def cross_validate(
     pools, reference : mapping of str to list of str, str
         Members of each reference and pool; the one of them that is used.
     ranking : list of dict, optional
-        Of :func:`airswing.evaluation.ranking.rank_aircraft` by these fits; made when not given.
+        Ranking by these fits (:func:`airswing.rank_aircraft`); computed by default.
     draws, seed : int
         Of the bootstrap.
 

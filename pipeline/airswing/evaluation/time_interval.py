@@ -17,7 +17,7 @@ from airswing.reference.collocate import collocate
 
 _INTERVALS_H = (3, 6)  # at which archives of models hold winds
 DAYS = 10  # spread evenly over the archive
-REPORTS = 20_000  # of those days at most
+REPORTS = 20_000  # most reports of those days
 _HOUR = 3_600_000_000_000  # ns
 
 

@@ -54,8 +54,8 @@ def export(
     Parameters
     ----------
     corrected : Dataset or path
-        Of :func:`airswing.correct` on screened headings, or the product of a run; opened from the
-        product the archive may be larger than memory.
+        Result of :func:`airswing.correct` on screened headings, or the product of a run, which may
+        be larger than memory.
     to : str
         Name of a format (`FORMATS`): ``obs_domain`` (WRF observation nudging), ``little_r``
         (OBSPROC), ``ob_ascii`` (WRFDA), ``jedi``, ``obs_errors`` or ``reject_list``.

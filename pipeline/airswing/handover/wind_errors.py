@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 BASE, BY_AIRCRAFT = "observation_error_filled", "aircraft_observation_error"
 LEAST = 0.5  # m/s: coding in whole knots and degrees causes 0.4 m/s at a wind of 30 m/s
-LEAST_SHARE = 0.25  # of the base variance, that the variance of a report is at least
+LEAST_SHARE = 0.25  # least variance of a report as a share of the base variance
 
 
 def known_errors(request: Request, *, required: bool = False) -> xr.Dataset | None:

@@ -53,7 +53,7 @@ def bank_at_reports(
     Parameters
     ----------
     bank : (n,) float
-        Of a coordinated turn through three fixes, rad, right wing down positive; NaN unknown.
+        Bank of a coordinated turn through three fixes, rad, right wing down positive; NaN unknown.
     roll_flag, flight, time, latitude, longitude : (n,)
         Codes of `airswing.flags`; number of the flight; s; degrees; in order of flight and time.
     """

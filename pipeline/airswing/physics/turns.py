@@ -162,7 +162,7 @@ class _Window(NamedTuple):
 
     @property
     def duration(self) -> Array:
-        """Of the legs, (m, 4) s."""
+        """Durations of the legs, (m, 4) s."""
         return np.diff(self.times, axis=1)
 
     @property
@@ -193,7 +193,7 @@ def _window(index: Index, legs: _Legs) -> _Window:
             here = np.where(there[:, k], direction[:, k], last)
             turned = turned + wrap_signed(here - last)
             off[:, k], last = turned, here
-    # times of the fixes from the report's, in steps of a mean leg where there is no fix
+    # times of the fixes relative to the report's, in steps of a mean leg without a fix
     times = legs.seconds[fix] - legs.seconds[index][:, None]
     total = np.where(there, np.diff(times, axis=1), 0.0).sum(axis=1)
     mean = total / np.maximum(there.sum(axis=1), 1)

@@ -532,7 +532,7 @@ class _Work:
         others, equal = [], 1
         for number in np.unique(profiles["grid"][order[tied]]):
             mine, chosen = tied & (profiles["grid"][order] == number), best.copy()
-            chosen[time[mine][::-1]] = order[mine][::-1]  # of several of one time the first
+            chosen[time[mine][::-1]] = order[mine][::-1]  # the first of several of one time
             equal += bool((sizes[chosen] == sizes[best]).all())
             others.append(everything.at_times(chosen))
         if equal > 1:

@@ -25,7 +25,7 @@ from airswing.products.ragged import aircraft_of_report
 
 Floats = NDArray[np.float64]
 STEPS = (0.7, 1.1, 0.15, 1800.0)  # Node distances: degrees of latitude and longitude, ln p, s
-# Of one fit: the equations of all nodes and aircraft are solved together.
+# Limits of one fit: the equations of all nodes and aircraft are solved together.
 MOST_NODES, MOST_REPORTS = 2500, 100_000
 BEND = 6.0  # weight of a second difference of 1 m/s, as m/s of wind error
 # Prior standard deviations: heading offset in radians, airspeed scale.

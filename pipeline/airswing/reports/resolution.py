@@ -36,7 +36,7 @@ SPEED_STEPS: Steps = (
 """m/s; knots may be stored to 0.1 m/s"""
 DIRECTION_STEPS: Steps = tuple((step, 0.02 * step) for step in (10.0, 5.0, 1.0, 0.1, 0.01))
 """degrees"""
-SHARE = 0.9  # of values that must lie on a lattice
+SHARE = 0.9  # least share of values on a lattice
 FEWEST = 5  # fewest values for a search of the step
 _MOST_REPORTS = 2000  # of an aircraft, evenly spread: far fewer suffice to find a step
 # Steps looked for, and the step of a fleet in which no aircraft has enough reports.

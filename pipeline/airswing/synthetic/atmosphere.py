@@ -239,7 +239,7 @@ def model_wind(
     if sizes.tails > 0:
         burst = world.drawn("burst " + name, WaveKind(24, 1.0, (500.0, 900.0), 3.0, 18.0))
         factor = burst.on_grid(x, y, zeta[:1], hours)[:, :1]
-        # Of unit mean square: heavier tails with the same rms.
+        # A factor of unit mean square: heavier tails with the same rms.
         noise *= np.exp(sizes.tails * factor - sizes.tails**2)
     noise += steady("bias ", sizes.bias)
     cycle = np.cos(2 * np.pi * (hours - 15.0) / 24.0).astype(np.float32)

@@ -21,7 +21,7 @@ from airswing.synthetic.atmosphere import Array, Fields, World, model_wind
 
 GRIB_RADIUS = {1: 6367470.0, 2: 6371229.0}
 """Earth radius of each edition, m (code tables 7, bit 2 unset, and 3.2, value 6, of the WMO)."""
-_DECIMALS = 1  # of m/s that are kept
+_DECIMALS = 1  # stored decimals of m/s
 
 
 @dataclass(frozen=True)

@@ -204,7 +204,7 @@ def fly(table: Timetable, wind: Wind, *, seed: int) -> Flown:
         # The way over the fix and its turns is longer than the straight one.
         home = (home + 14e3 * (stage < 2)) / 0.83
         limit = _G * np.tan(_MAX_BANK) / speed
-        # As an autopilot: onto the course in about 22 s, rolled into within 9 s.
+        # As an autopilot: reaches the course in about 22 s, and the bank within 9 s.
         turn = np.pi - (np.pi - (aim - track)) % (2 * np.pi)  # in (-pi, pi]
         wanted = np.clip(turn / 22.0, -limit, limit)
         wanted = np.where((phase == ASCENT) & (altitude < release), 0.0, wanted)

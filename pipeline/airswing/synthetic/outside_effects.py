@@ -235,7 +235,7 @@ WORTH_KT = 0.1
 MOST_NAMED = 0.35
 """Largest share of the energy that named effects may explain."""
 BINS = 36
-"""Of ten degrees where the variable is an angle, of equal numbers elsewhere."""
+"""Number of bins: of ten degrees for angles, with equal numbers of reports otherwise."""
 
 
 def outside_truth(

@@ -51,7 +51,7 @@ from airswing.units import KNOT
 from airswing.workflow.job import Job
 from airswing.workflow.months import catalogues, make_headings
 
-# Where the collocation of a simulation on other paths is kept while it is diagnosed.
+# Folder of the collocation of a simulation on other paths during its diagnosis.
 _SIMULATION_FOLDER = ".simulation"
 
 

@@ -115,7 +115,7 @@ def as_text(found: dict[str, object], *, indent: str = "") -> str:
     Parameters
     ----------
     found : dict
-        Of :func:`inspect_file`.
+        Result of :func:`inspect_file`.
     """
     lines = []
     for key, value in found.items():

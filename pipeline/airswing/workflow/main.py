@@ -44,13 +44,13 @@ class Results:
     output : Path
         Folder of the products.
     headings, corrected : Dataset
-        Of every report, all months, lazy.
+        Reports of all months, lazy.
     fits : Dataset
         Deviations and tables of every aircraft.
     evaluation : Evaluation
         Evaluation of the corrections.
     summary : dict
-        What ``airswing run --json`` prints.
+        Output of ``airswing run --json``.
     months : dict of str to list of str
         Months ``made`` by this run and those ``kept`` of an earlier one.
     """

@@ -306,7 +306,7 @@ def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) 
     inside = (time >= first) & (time <= last)
     numbers = np.unique(model.rows["file"][:2, inside])
     return sorted(
-        "|".join(map(str, file_identities([file.path])[0]))  # a Zarr store: of all its files
+        "|".join(map(str, file_identities([file.path])[0]))  # for a Zarr store of all its files
         if os.path.isdir(file.path)
         else f"{file.path}|{file.size}|{file.mtime_ns}"
         for file in (model.files[int(number)] for number in numbers)

@@ -147,8 +147,7 @@ def make_evaluation(
 ) -> Evaluation:
     """Evaluate the corrections, as far as the configuration allows it.
 
-    With a field test where the configuration has one, and with a comparison of references where
-    there are two or more.
+    Includes the field test if it is configured, and a comparison of two or more references.
     """
     ranking = make_ranking(job, headings, fits)
     profiles, innovations = make_innovations(job, headings, corrected)
@@ -347,7 +346,7 @@ def _tried(make: Callable[[], Found]) -> Found | Content:
 def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
     """The field test of the configuration: ``field_test.json``.
 
-    With the reduction that the fits to the reports before the test predict.
+    It includes the reduction predicted by fits to the reports before the test.
 
     Raises
     ------

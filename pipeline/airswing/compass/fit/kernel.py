@@ -101,7 +101,7 @@ class AircraftFit:
     rms_after: float
     flight_order: Index  # rows of ``flight`` in order of time
     fold: Index  # (flights,): part of the days
-    held_out: list[HeldOut] = field(repr=False)  # one for each member, likewise below
+    held_out: list[HeldOut] = field(repr=False)  # one for each member; so are the following
     blocks: list[Blocks] = field(repr=False)
 
     @cached_property

@@ -309,7 +309,7 @@ def watch_compasses(
     Returns
     -------
     CompassWatch
-        For :func:`add_changes` (its ``changes``) and
+        Argument of :func:`add_changes` (its ``changes``) and
         :func:`airswing.evaluation.monitoring.events.find_events`.
 
     Examples
@@ -323,7 +323,7 @@ def watch_compasses(
 
 
 def compass_watch(aircraft: NDArray[np.str_], days: CompassDays) -> CompassWatch:
-    """As :func:`watch_compasses`, from daily sums."""
+    """Same as :func:`watch_compasses`, from daily sums."""
     tested = watch_fleet(days.aircraft, days.day, days.normal, days.right, COMPASS, aircraft.size)
     return CompassWatch(aircraft, days, tested)
 

@@ -248,8 +248,7 @@ def find_events(
     tables_in_use : mapping of str to UnitTable, optional
         Tables on board, by aircraft. By default those of ``previous``, else those of the fits.
     compass : CompassWatch, optional
-        Of :func:`airswing.evaluation.monitoring.changes.watch_compasses` for the same headings,
-        if it exists already.
+        Result of :func:`airswing.watch_compasses` for the same headings, if available.
 
     Returns
     -------

@@ -166,7 +166,7 @@ class StepTest:
         return found
 
     def likely(self, of: Ints, threshold: float) -> list[Step]:
-        """As :meth:`steps`, by normal errors and another threshold."""
+        """Same as :meth:`steps`, with normal errors and another threshold."""
         best = self._ratios(of, self._lags()).max(axis=0, initial=-np.inf)
         return [self._dated(int(k)) for k in of[best > threshold]]
 

@@ -43,14 +43,14 @@ METHODS = tuple(FORECASTS)
 RATIOS = (0.005, 0.01, 0.02, 0.04, 0.06, 0.1, 0.2, 0.4)  # to choose from
 # Optimum of Delle Monache et al. (2008), J. Geophys. Res. 113, D16310; used without a choice.
 USUAL_RATIO = 0.06
-FEWEST_TRAINING_DAYS = 14  # below which a ratio cannot be chosen
+FEWEST_TRAINING_DAYS = 14  # fewest days for the choice of a ratio
 LEAST = {"wind_speed": 0.0}  # bound of variables that have one
 SCORES = ("forecast_error_mean", "forecast_error_centred_rms", "forecast_error_rms", "skill")
 PERIODS = ("held_out", "all")
-FEWEST_DAYS = 5  # below which there is no interval
+FEWEST_DAYS = 5  # fewest days for an interval
 TIME = "forecast_reference_time"
 DIMS = ("variable", "station", TIME, "lead")
-_DRAWS = 1000  # of days; 25 of them lie beyond either end of an interval
+_DRAWS = 1000  # bootstrap draws of days; 25 lie beyond either end of an interval
 _STATIONS_AT_ONCE = 500
 Floats = NDArray[np.float64]
 # Second filter: variance of the daily change of the noise variance, and of one sample of it.
@@ -74,8 +74,8 @@ def correct_forecasts(
         ``forecast`` and ``observation`` (variable, station, forecast_reference_time, lead), NaN
         where missing; ``lead`` in hours. May be dask-backed along variable, station and lead.
     ratio : float or "auto", default "auto"
-        Of the filter; chosen by variable on the training days when "auto", 0 where it does not
-        help.
+        Ratio of the filter; "auto" chooses it by variable on the training days, 0 without an
+        improvement.
     training : float, default 0.5
         Share of the days used for the choice.
     window : int, default 7

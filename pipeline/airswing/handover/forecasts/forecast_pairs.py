@@ -45,7 +45,7 @@ VARIABLES = {  # by short name; other names are kept
     **dict.fromkeys(("v", "10v", "v10"), "northward_wind"),
     **dict.fromkeys(("ff", "ws"), "wind_speed"),
 }
-LEAD_HOURS = 24.0  # of pairs at flight levels: the bias of a day is known on the next
+LEAD_HOURS = 24.0  # lead of pairs at flight levels: the bias of a day is known on the next
 _VALUES = ("forecast", "observation")
 _KEYS = ["variable", "station", TIME, "lead"]
 _MISSING = ["-999", "-999.0", "-999.00", "NA", "nan", "NaN", "null", ""]

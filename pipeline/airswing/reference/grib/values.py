@@ -68,7 +68,7 @@ class GribReader(Reader):
 
     def _values(self, model: ModelTime, wanted: Request) -> list[Floats]:
         found: list[Floats] = [np.full(points.shape, np.nan) for _, points in wanted]
-        results: dict[int, Floats | str] = {}  # by number of a field: values, or why there are none
+        results: dict[int, Floats | str] = {}  # by number of a field: values or a reason
         jobs: dict[int, Job] = {}
         began = time.perf_counter()
         for number, (row, points) in enumerate(wanted):

@@ -173,7 +173,7 @@ def _horizontal(
             remedy="Give latitude: and longitude: (or y: and x:) in the configuration; if there "
             "are several candidates, name one",
         )
-    if y.ndim > 2 and y.ndim == x.ndim:  # of a moving grid
+    if y.ndim > 2 and y.ndim == x.ndim:  # coordinates of a moving grid
         y, x = (one.isel({d: 0 for d in one.dims[:-2]}) for one in (y, x))
     return y, x
 
@@ -221,7 +221,7 @@ def _is_member(ds: xr.Dataset, dim: str) -> bool:
 
 def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
     """The grid of a variable, by its projection, its coordinates or its points."""
-    with contextlib.suppress(KeyError, UnplaceableGridError):  # by the section of its messages
+    with contextlib.suppress(KeyError, UnplaceableGridError):  # from its grid section
         known, shape = read_grid(*ds.encoding[GRID]), (ds.sizes[axes.y_dim], ds.sizes[axes.x_dim])
         in_rows = not known.by_column and not known.alternate and (known.nj, known.ni) == shape
         if in_rows and known.frame.kind != "longitude_latitude":

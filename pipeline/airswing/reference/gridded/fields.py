@@ -77,7 +77,7 @@ class Levels(NamedTuple):
     a: Floats | float = np.nan  # Pa; coefficients by level, NaN if pressure is a variable
     b: Floats | float = np.nan
     surface: str = ""  # the surface pressure in the formula, empty if it is not named
-    note: str = ""  # what was assumed
+    note: str = ""  # assumptions made
     first: int = 0  # first level used
 
 

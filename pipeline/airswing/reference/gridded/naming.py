@@ -172,7 +172,7 @@ def written_units(attrs: Mapping[object, object]) -> str | None:
 
 
 def required_factor(text: object, kind: str, *, name: str) -> float:
-    """As :func:`factor_of`, but units must be known."""
+    """Same as :func:`factor_of`, but units must be known."""
     factor = factor_of(text, kind)
     if factor is None:
         absent = not str(text or "").strip()

@@ -199,7 +199,7 @@ def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
     if "dataSource" in there:
         streams = [_STREAMS.get(code, "") for code in number("dataSource").tolist()]
         raw[f"{ONLY}source"] = streams
-    # As assimilation systems call a stream; MDCRS is ACARS as the U.S. carriers send it.
+    # Names of streams in assimilation systems; MDCRS is ACARS of the U.S. carriers.
     raw["platform"] = np.array(
         [PLATFORM[name if name in ("TAMDAR", "AMDAR") else "ACARS"] for name in streams], np.int8
     )

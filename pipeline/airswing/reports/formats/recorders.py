@@ -31,13 +31,13 @@ from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 _INCH_OF_MERCURY = 3386.389  # Pa at 0 degC (NIST SP 811)
 _ROWS_PER_PIECE = 100_000
 _IDENTITIES = ("tail_number", "aircraft_ident", "registration", "system_id")
-# What a column is, by its name without unit: short names of G1000, names in words of G3X and G5.
+# Quantities by column name without unit: short names of G1000, names in words of G3X and G5.
 _TEXTS = {
     "date": r"Lcl Date|UTC Date|Local Date",
     "clock": r"Lcl Time|UTC Time|Local Time",
     "ahead": r"UTCOfst|UTC Offset",
 }
-# Of the columns of numbers also factor and offset to SI.
+# Columns of numbers, with factor and offset to SI.
 _NUMBERS = {
     "latitude": (r"Latitude", 1.0, 0.0),
     "longitude": (r"Longitude", 1.0, 0.0),

@@ -44,7 +44,7 @@ ALIKE: tuple[frozenset[str], ...] = (
 )
 """Strongly correlated variables, which are never multiplied with each other."""
 _CASES_PER_WORLD = 8
-_MOST_DRAWS = 24  # of an outside effect
+_MOST_DRAWS = 24  # draws of an outside effect
 _PHASES = (1.0, 2.0, 3.0)
 # Range of widths, as fractions of the turn or of the range.
 _SPREAD = {"sector": (0.04, 0.125), "bump": (0.05, 0.12), "saw": (0.26, 0.52)}

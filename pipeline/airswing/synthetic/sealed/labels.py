@@ -21,7 +21,7 @@ class Injected(TypedDict):
 
     name: str
     tails: Sequence[str] | None
-    parameters: Mapping[str, Any]  # of an outside effect also text and lists of parts
+    parameters: Mapping[str, Any]  # for an outside effect also text and lists of parts
     period: Sequence[str | None] | None
 
 
@@ -41,7 +41,7 @@ class OutsideTruth(TypedDict):
     scope: str
     reports: int
     size_m_s: float
-    named_share: float  # of its energy, that named effects explain
+    named_share: float  # share of its energy that named effects explain
     closes_kt: float
     carried: dict[str, float]  # share of its energy that a curve of each single variable explains
 
