@@ -473,7 +473,7 @@ def sample(
 ) -> None:
     """Write a sample archive and the file of its known truth.
 
-    Of five aircraft or more the last flies to and fro on one route: too few headings for a fit.
+    With five aircraft or more the last flies a single route: too few headings for a fit.
     """
     import shutil
 

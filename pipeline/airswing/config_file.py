@@ -1,6 +1,6 @@
 """Configuration files: YAML that is read, checked completely, and refused with one message.
 
-Relative paths start at the current directory. Of YAML, aliases are refused, because a few lines of
+Relative paths start at the current directory. YAML aliases are refused, because a few lines of
 aliases of aliases can expand to a billion values; also tags that construct anything but plain
 values, repeated keys, values that contradict their kind (``2009-06-31``), and text that no file
 system accepts.

@@ -79,7 +79,7 @@ def _read() -> list[Variable]:
 
 _LINES = _read()
 VARIABLES: dict[str, Variable] = {line.name: line for line in reversed(_LINES)}
-"""Every variable by name; of several lines of one name the first."""
+"""Every variable by name; the first of several lines of one name."""
 _BY_DIMS = {(line.name, line.dims): line for line in reversed(_LINES)}
 
 

@@ -12,15 +12,15 @@ at the report, without the rounding of positions and times.
 
 Test of reported headings
 -------------------------
-A column named heading is in some archives a track or a magnetic heading. It is therefore compared
-with the chords, aircraft by aircraft, over reports with both. The reported heading must differ from
-the heading that the chords imply by less than 1.5 degrees in the median absolute value and by less
-than 0.6 degrees in the signed median (a magnetic heading differs by the declination, which would
-become part of coefficient A), each plus the effect of rounding, and by no more than it differs from
-the track (a track column agrees with the track to its rounding); airspeeds must differ by less than
-3 m/s in the median. With fewer than 20 reports the chords are used. Of an aircraft that passes the
-test, single reports that differ from their chord by more than 15 m/s plus five standard errors keep
-the chord.
+In some archives a column named heading contains the track or the magnetic heading. It is therefore
+compared with the chords, aircraft by aircraft, over reports with both. The reported heading must
+differ from the heading that the chords imply by less than 1.5 degrees in the median absolute value
+and by less than 0.6 degrees in the signed median (a magnetic heading differs by the declination,
+which would become part of coefficient A), each plus the effect of rounding, and by no more than it
+differs from the track (a track column agrees with the track to its rounding); airspeeds must differ
+by less than 3 m/s in the median. With fewer than 20 reports the chords are used. Of an aircraft
+that passes the test, single reports that differ from their chord by more than 15 m/s plus five
+standard errors keep the chord.
 
 Standard errors
 ---------------
@@ -227,7 +227,7 @@ def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.D
         "heading_error_standard_error": np.degrees(difference_error),
         "airspeed_error": triangle.airspeed_error(*air, *implied),
     }
-    # in the type of the product, so that a stage gives the same bits from memory and from a file
+    # in the type of the product, so that results from memory and from a file are identical
     return describe(
         ds.assign(
             {
@@ -329,7 +329,7 @@ def _judge_reported_heading(
     judged = np.bincount(aircraft, weights=both, minlength=number)
     # a median's standard error is 1.25 sigma / sqrt(n); a few of them for correlated noise
     bias_allowed = MAX_HEADING_BIAS + 5.0 * angle_noise / np.sqrt(np.maximum(judged, 1.0))
-    # negated, so that NaN counts as biased; likewise below
+    # negated, so that NaN counts as biased; the following tests too
     biased = ~(np.abs(median(turned)) <= bias_allowed)
     fast = ~(median(np.abs(np.hypot(*air) - speed)) <= speed_allowed)
     nearer_track = track_apart < heading_apart

@@ -178,7 +178,7 @@ class Finding:
     """An implausible quantity."""
 
     quantity: str  # a variable of the reports, or position, wind_speed, track, ...
-    likely: str  # the likely mistake, empty where none explains the values
+    likely: str  # the likely mistake, empty if none explains the values
     evidence: str  # what contradicts the values
     factor: float = 0.0  # by which speeds are too large or small; 0 for other quantities
     aircraft: tuple[str, ...] = ()
@@ -750,7 +750,7 @@ def mean_declination(headings: xr.Dataset) -> Array:
 
 
 def heading_kind_warnings(fits: xr.Dataset, reference: str) -> list[str]:
-    """One sentence where the offsets of the fits are those of the other kind of heading.
+    """One sentence if the offsets of the fits suggest the other kind of heading.
 
     ``fits`` hold ``mean_declination`` (aircraft).
     """

@@ -28,7 +28,7 @@ def _is_lazy(ds: xr.Dataset) -> bool:
 def aircraft_batches(ds: xr.Dataset, reports: int) -> Iterator[xr.Dataset]:
     """Divide a Dataset into batches of whole aircraft without computing anything.
 
-    A batch has at most so many ``reports``, where no single aircraft has more, and is a single
+    A batch has at most ``reports`` reports, unless a single aircraft has more, and is a single
     chunk.
     """
     row_size = ds.variables["row_size"]

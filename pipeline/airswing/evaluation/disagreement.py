@@ -160,7 +160,7 @@ def measures_of(sums: Floats) -> dict[str, float]:
 
 
 def member_mean(values: _Winds) -> _Winds:
-    """Mean over ``reference`` of the members that have a value at the report, NaN where none has.
+    """Mean over ``reference`` of the members with a value at the report, NaN without any.
 
     A report outside one model's grid or hours still has the wind of the other model.
     """

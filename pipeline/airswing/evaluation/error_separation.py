@@ -1,6 +1,6 @@
 """Error variance of the reports alone: kernels.
 
-*Neighbours.* Two aircraft that meet see the same error of the reference and the same weather. Half
+*Neighbours.* Two aircraft near each other share the error of the reference and the weather. Half
 the mean squared difference of two neighbours' differences from the reference, extrapolated to zero
 separation, is the error variance of the reports (the intercept of Hollingsworth & Loennberg 1986,
 Tellus 38A, 111-136, as a variogram, in which differences between regions cancel). Errors of

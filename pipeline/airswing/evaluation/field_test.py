@@ -2,13 +2,13 @@
 
 Assumes that the corrected aircraft reported corrected winds from ``start`` on and the controls
 never did, so that the controls' change is the model's. The measure is the mean magnitude of the
-wind vector disagreement (Jacobs et al. 2010, Table 1). Its change is taken linearly, as there, and
-in quadrature, because independent errors add in quadrature. Days are the units of the bootstrap.
+wind vector disagreement (Jacobs et al. 2010, Table 1). Its change is computed linearly, as there,
+and in quadrature, as independent errors add. Days are the units of the bootstrap.
 
 Aircraft are usually chosen for bad winds, so that some of the reduction is regression to the mean.
 The permutation test therefore regresses the level during the test on the level before it; where the
-groups hardly overlap before the test this costs most of the power. Without that condition it is
-right only for a choice that ignored the level. The same choice is also made within the window
+groups hardly overlap before the test this costs most of the power. Without that regression the test
+is valid only for a choice that ignored the level. The same choice is also made within the window
 before the test, where nothing was corrected. Knots, unless a name says otherwise.
 """
 

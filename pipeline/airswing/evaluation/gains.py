@@ -5,7 +5,7 @@ too large, because the curve was fitted to their errors: a curve with error vari
 reduces the residual variance it was fitted to by s^2 and adds s^2 to any other. That optimism
 (Efron 2004, J. Amer. Stat. Assoc. 99, 619-632) is subtracted, to first order. The interval contains
 the covariance of the coefficients and, days being the independent units, the scatter of the
-headings flown and the errors met.
+headings and errors between days.
 
 *Realised gain.* Reports are held out by date (the virtual field test) or by day (cross-validation:
 every tenth day in turn, with coefficients less the effect of the equations of these days, to first
@@ -123,7 +123,7 @@ def rank_aircraft(
     Parameters
     ----------
     headings, fits : Dataset
-        Screened headings, and the fits made from them.
+        Screened headings, and the fits to them.
     pools, reference : mapping of str to list of str, str
         Members of each reference and pool; the one of them that is used.
     seed : int, default 0
@@ -439,7 +439,7 @@ def cross_validate(
     if ranking is None:
         ranking = rank_aircraft(headings, fits, pools=pools, reference=reference, seed=seed)
     fit = fits.sel(reference=reference)
-    # fits without each part of the days take the place of references
+    # fits without each part of the days are stored in place of references
     parts = fit[["held_out_deviation", "status"]].drop_vars("reference")
     parts = parts.rename(held_out_deviation="deviation", fold="reference")
     folds = parts.sizes["reference"]

@@ -14,11 +14,11 @@ estimated too: the hat's variance less that of the separation.
 Both use the corrected winds; the variance of the reported winds follows from the corrections. The
 preferred method is the separation; it is the hat where no interval of the separation is known, or
 where the covariance is not significant and the interval of the hat is the narrower one. Intervals
-(95 %) are a bootstrap over blocks of days, of the reported winds over aircraft too.
+(95 %) are a bootstrap over blocks of days and, for the reported winds, over aircraft.
 
 A cell is a phase of flight in a layer of pressure. A report counts where it has a reported wind, a
-corrected one and every reference. Of archives too large to pair, whole days are taken, evenly
-spread. m/s, m2/s2, degrees, Pa, seconds.
+corrected one and every reference. Archives too large to pair are thinned to evenly spread whole
+days. m/s, m2/s2, degrees, Pa, seconds.
 """
 
 from __future__ import annotations
@@ -320,7 +320,7 @@ def observation_errors(
 def _separation(
     found: Disagreements, number: Floats, weights: Floats
 ) -> tuple[Floats, Floats, Floats] | None:
-    """Variances of cells, fleet and aircraft from neighbours; None where too few meet."""
+    """Variances of cells, fleet and aircraft from neighbours; None with too few pairs."""
     if not len(found.sums):
         return None
     flown = found.by("aircraft", "cell", "number")

@@ -25,8 +25,8 @@ Ints = NDArray[np.int64]
 
 SUMS = 6  # reports, their sum, clusters; and over clusters of sum S and size n: S^2, S n, n^2
 FEWEST_PERMUTED = 5
-"""Aircraft below which there is no permutation test: of four, two can be chosen in six ways, so
-that no p value is below 0.16."""
+"""Fewest aircraft for a permutation test: two of four can be chosen in only six ways, so that no p
+value would be below 0.16."""
 _VALUES_AT_ONCE = 1_000_000
 
 

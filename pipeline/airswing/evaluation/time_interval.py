@@ -1,8 +1,8 @@
 """Error of model winds interpolated over three or six hours, from an hourly reference.
 
-Assumes that winds are linear in time within an hour. Of a long archive some whole days, evenly
-spread, are used: the error depends on the weather and the model, not on the reports. It is largest
-in the middle of an interval; over all reports it is the error that a run would have.
+Assumes that winds are linear in time within an hour. Long archives are thinned to evenly spread
+whole days: the error depends on the weather and the model, not on the reports. It is largest in the
+middle of an interval; the mean over all reports is the error of a run.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ def write_records(request: Request, selected: Selected, form: Format) -> dict[st
         targets = [request.path / form.file_name if request.folder else request.path]
     else:
         moments = (np.datetime64(begin + int(one) * int(request.window), "s") for one in windows)
-        # Seconds are named only where they are not zero.
+        # Names contain seconds only if these are not zero.
         names = (re.sub(r"\D", "", str(moment)).removesuffix("00") for moment in moments)
         targets = [request.path / name / form.file_name for name in names]
     refuse_existing(request, *targets)

@@ -1,9 +1,9 @@
 """A GSI reject list without the aircraft whose corrected winds meet its criteria.
 
-Layout as GSI reads it (src/gsi/aircraftobsqc.f90): 16 lines are skipped; of every further line
-columns 1-8 are an identifier, columns 11, 13 and 15 hold ``T``, ``W`` and ``R`` where temperature,
-wind and humidity are rejected, columns 22-29 are a second (MDCRS) identifier. The rest of a line
-and the criteria in the header, such as ``bias_DIR > 7`` (m/s, degrees), are for people.
+Layout read by GSI (src/gsi/aircraftobsqc.f90): 16 lines are skipped; in every further line columns
+1-8 are an identifier, columns 11, 13 and 15 hold ``T``, ``W`` and ``R`` where temperature, wind and
+humidity are rejected, columns 22-29 are a second (MDCRS) identifier. The rest of a line and the
+criteria in the header, such as ``bias_DIR > 7`` (m/s, degrees), are for people.
 
 An aircraft's ``W`` is removed when every reason of its entry is a criterion of wind with a limit in
 the header and its corrected winds meet all such criteria on `FEWEST` reports or more; without ``T``
@@ -241,9 +241,9 @@ def _judged(request: Request, current: RejectList) -> list[dict[str, Any]]:
     """Every aircraft of the archive by the criteria of wind, as reported and as corrected.
 
     Both states are judged on the reports that passed the screening and were corrected, which are
-    compared with the mean of the references the correction was fitted against. Of each aircraft
-    ``name``, corrected ``reports``, ``winds_a_day`` that could be used if they were accepted, and
-    of both states the statistics by criterion and which limits they exceed (``*_fails``).
+    compared with the mean of the references the correction was fitted against. Columns are
+    ``name``, corrected ``reports``, ``winds_a_day`` that could be used if accepted, and for both
+    states the statistics by criterion and the limits exceeded (``*_fails``).
     """
     tables = []
     why = "it holds the model winds the criteria are applied to"

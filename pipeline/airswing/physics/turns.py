@@ -225,13 +225,13 @@ class _Turns:
         self.length = self.end - self.begin
 
     def gone(self, k: int) -> Single:
-        """Part of the turn that is made at fix `k`."""
+        """Part of the turn that is completed at fix `k`."""
         at = self.window.times[:, k : k + 1].astype(np.float32)
         return np.asarray(np.clip((at - self.begin) / self.length, 0.0, 1.0))
 
     @cached_property
     def sums(self) -> list[tuple[Single, Single]]:
-        """Integral up to each fix of the part made, and of its square, each (m, h) s."""
+        """Integral up to each fix of the completed part, and of its square, each (m, h) s."""
         found = []
         for k in range(2 * REACH + 1):
             at = self.window.times[:, k : k + 1].astype(np.float32)
@@ -246,7 +246,7 @@ class _Turns:
         return found
 
     def means(self, leg: int) -> tuple[Single, Single]:
-        """Mean and mean square over a leg of the part made."""
+        """Mean and mean square over a leg of the completed part."""
         duration = self.window.duration[:, leg : leg + 1].astype(np.float32)
         low, high = self.sums[leg], self.sums[leg + 1]
         mean, square = (high[0] - low[0]) / duration, (high[1] - low[1]) / duration
@@ -300,8 +300,8 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
     best = np.maximum(log.max(axis=1), none)
     chance, level = np.exp(log - best[:, None]), np.exp(none - best)
     total = chance.sum(axis=1) + level
-    # The heading at the report is course before plus the part of the turn gone; a lattice step
-    # of begin and end leaves its uniform error, step^2 / 12.
+    # The heading at the report is the initial course plus the completed part of the turn; a lattice
+    # step of begin and end adds a uniform error, step^2 / 12.
     gone = turns.gone(REACH)
     step = (window.duration.max(axis=1, keepdims=True) / NODES).astype(np.float32)
     within = (gone > 0.0) & (gone < 1.0)

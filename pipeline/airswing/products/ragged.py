@@ -144,7 +144,7 @@ def aircraft_reports(ds: xr.Dataset, aircraft: str) -> xr.Dataset:
 def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
     """Months, in order of time and opened lazily, as one lazy Dataset by aircraft.
 
-    It is dask-backed in chunks of whole aircraft: of each month a chunk needs one contiguous slice.
+    It is dask-backed in chunks of whole aircraft: a chunk needs one contiguous slice of each month.
     Its ``uuid`` is a hash of those of the months; counts in its attributes are summed over them. A
     ValueError is raised if months hold different variables or references, or unordered aircraft.
     """

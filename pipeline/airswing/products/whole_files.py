@@ -52,7 +52,7 @@ def made_folder(folder: Path) -> Iterator[None]:
 def atomic(path: Path) -> Iterator[Path]:
     """Give a temporary name to write to, and rename it to ``path`` when the block ends well.
 
-    Its folder is made when absent.
+    Its folder is created if absent.
     """
     path = Path(path)
     # In the same folder, because a rename is atomic within one file system only; hidden, so that
@@ -139,7 +139,7 @@ def plain(value: object) -> object:
 def workspace(folder: Path) -> Iterator[None]:
     """Lock an output folder for one run, and remove partial files of a killed run.
 
-    The folder is made when absent, and removed when the run leaves nothing in it.
+    The folder is created if absent, and removed if the run leaves it empty.
     """
     folder = Path(folder)
     try:

@@ -162,7 +162,7 @@ class Catalogue:
         return best if worth(best)[0] else max((best, *self.alternatives), key=worth)
 
     def batches(self, numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-        """Model times that are read together: of Datasets those that share chunks of a file."""
+        """Model times that are read together: for Datasets those that share chunks of a file."""
         parts: dict[object, list[int]] = {}
         for number in numbers.tolist():
             row = self.rows[0, self.bounds[number]]
@@ -185,7 +185,7 @@ def build_catalogue(
     cache_dir: str | os.PathLike[str] | None = None,
     on_bad_file: str = "skip",
 ) -> Catalogue:
-    """Catalogue the winds of a model: of files of one kind, or of a Dataset.
+    """Catalogue the winds of a model from files of one kind, or from a Dataset.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def build_catalogue(
     name : str
         Name of the reference.
     engine : {"auto", "grib", "cfgrib", "netcdf", "zarr", "wrf"}
-        How files are opened; ``auto``: by their content.
+        How files are opened; ``auto`` follows their content.
     lead : str
         ``any``, ``analysis`` or a comparison such as ``>= 1 h``.
     member : int, optional

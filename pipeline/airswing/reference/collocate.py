@@ -100,7 +100,7 @@ def _schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = 
     max_time_gap : float
         Longest time between two bracketing valid times, s.
     both : bool
-        Use the model time after also at a valid time, if there is one in reach (time derivatives
+        Use the model time after also at a valid time, if it is within the gap (time derivatives
         need it).
     """
     earlier = np.searchsorted(valid, points.time, side="right") - 1

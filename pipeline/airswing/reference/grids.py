@@ -367,7 +367,7 @@ class PointsGrid(Grid):
         self.key = _short_hash(f"points {self.ni} {self.nj}", latitude, longitude, turned)
 
     def __getstate__(self) -> dict[str, object]:
-        derived = ("_vectors", "_directions", "_tree")  # large, and made again where needed
+        derived = ("_vectors", "_directions", "_tree")  # large, and computed again when needed
         return {name: value for name, value in self.__dict__.items() if name not in derived}
 
     @cached_property

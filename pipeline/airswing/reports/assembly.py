@@ -55,9 +55,9 @@ def assemble(
 
     ``parts`` are of :func:`airswing.reports.read.read_file`, or rows of it; read only. With
     ``interval`` reports are averaged over so many seconds of straight flight. With ``begins`` only
-    flights whose first report lies between these times are kept: given the reports of a margin too,
-    every flight is kept whole once. Duplicates and derived values are added to ``audit``, of
-    ``begins`` alone; the caller adds the audits of the files.
+    flights whose first report lies between these times are kept, so that with the reports of a
+    margin every flight is kept once and complete. Duplicates and derived values are added to
+    ``audit``, of ``begins`` alone; the caller adds the audits of the files.
     """
     audit = Audit() if audit is None else audit
     columns, tails, labels = _gathered(parts)
@@ -342,7 +342,7 @@ def _average(columns: Columns, interval: float, audit: Audit) -> None:
 
 
 def _platform(columns: Columns, aircraft: int) -> NDArray[np.int8]:
-    """Platform in most of an aircraft's reports that name one; unknown where none does."""
+    """Most frequent platform in an aircraft's reports; unknown if none names one."""
     kinds = max(PLATFORM.values()) + 1
     place = columns["tail"].astype(np.int64) * kinds + columns["platform"]
     counts = np.bincount(place, minlength=aircraft * kinds).reshape(aircraft, kinds)

@@ -103,11 +103,11 @@ class Source:
 
 
 Mapped = Mapping[str, Source]
-"""The source of each variable; of :func:`parse_mapping`."""
+"""The source of each variable, from :func:`parse_mapping`."""
 
 
 class Layout(NamedTuple):
-    """Tables of one program, recognised by column names that are always there."""
+    """Tables of one program, recognised by column names that are always present."""
 
     signature: set[str]
     columns: Mapping[str, str | tuple[str, ...]]

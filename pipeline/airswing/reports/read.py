@@ -150,11 +150,11 @@ def read_reports(
     columns : mapping, optional
         For tables, in one of the forms of :mod:`airswing.reports.columns`: their name to
         a canonical name (``wind_speed_kt``), or to ``{"name": "wind_speed_kt", "unit": "m/s"}``
-        where the unit is another; several names, constants, times made of two columns.
+        with another unit; several names, constants, times made of two columns.
     on_bad_file : {"skip", "fail"}, default "skip"
         Whether a file that cannot be read is left out and counted, or refused.
     interval : float, default 0
-        Reports are averaged over intervals of so many seconds of straight flight; 0 keeps them all.
+        Seconds of straight flight over which reports are averaged; 0 keeps all reports.
 
     Returns
     -------

@@ -97,7 +97,7 @@ def _on_steps(values: Floats, group: Index, groups: int, steps: Steps) -> Intege
 
 
 def _coarsest(counts: Integers, steps: Steps, fewest: int) -> Floats:
-    """First step on which enough values lie, the last where none; NaN with too few values."""
+    """First step on which enough values lie, otherwise the last; NaN with too few values."""
     total, on = counts[:, 0], counts[:, 1:]
     hit = on >= SHARE * total[:, np.newaxis]
     # argmax gives the first hit: steps are in order from coarse to fine.

@@ -78,7 +78,7 @@ def parse_times(values: Column, format: str | None = None) -> tuple[Times, Mask]
     if format is None and pd.api.types.is_numeric_dtype(values.dtype):
         numbers = values.to_numpy(dtype=np.float64, na_value=np.nan)
         return _of_numbers(numbers), np.isnan(numbers)
-    index, labels = pd.factorize(values)  # many reports share a time; each text is read once
+    index, labels = pd.factorize(values)  # many reports share a time, so each text is parsed once
     text = pd.Series(labels, dtype="object").map(lambda label: str(label).strip())
     parsed = pd.to_datetime(text, format=format or "ISO8601", utc=True, errors="coerce")
     time = parsed.dt.tz_localize(None).to_numpy(dtype="datetime64[ns]").copy()

@@ -222,7 +222,7 @@ def write_archive(
     Parameters
     ----------
     directory : path
-        Folder, made where missing.
+        Folder, created if missing.
     effects : sequence of mapping, optional
         Faults of units and models (`airswing.synthetic.instrument`). None draws a compass deviation
         for every aircraft; an empty list means perfect units.

@@ -253,7 +253,7 @@ def _targets(table: Timetable, rng: np.random.Generator) -> tuple[Array, Array]:
     flights = table.departure.size
     course, length = _course(table.origin[:, 0], table.origin[:, 1], table.destination)
     middle = _offset(table.origin, course, length * rng.uniform(0.35, 0.65, flights))
-    # Off the straight line by some hundredths of it, so that cruise has turns.
+    # A few per cent of the distance off the straight line, so that cruise has turns.
     side = length * rng.uniform(0.02, 0.07, flights) * rng.choice([-1, 1], flights)
     way = _offset(middle, course + np.pi / 2, side)
     # Approaches begin over a fix 14 to 26 km out, to either side: turns at low level.

@@ -90,7 +90,7 @@ def observe(
     Coded: ``latitude, longitude`` degrees, ``altitude`` m, ``hours``, ``direction`` degrees,
     ``speed`` kt, ``celsius``. Exact: `TRUTH`, ``dip`` (radians), ``heading, airspeed`` as
     indicated; ``computed_u/v``, the wind the unit computed before outside effects and coding.
-    ``made`` numbers the reports, with and without effects alike.
+    ``made`` numbers the reports identically with and without effects.
     """
     tail, tails, faults = flown.aircraft[flight], units.tails, units.faults
     here = _state(flown, flight, step.astype(float), wind, field)

@@ -325,7 +325,7 @@ def named_share(
 
 
 def signed_size(change: Array, u: Array, v: Array, heading: Array, component: str) -> Array:
-    """A change (n, 2) along the component it was made in, (n,) m/s; of ``scatter`` its length."""
+    """A change (n, 2) along its component, (n,) m/s; for ``scatter`` its length."""
     if component == "scatter":
         return np.asarray(np.hypot(*change.T))
     across = ("across_heading", "across_wind", "direction")

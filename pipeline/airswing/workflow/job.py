@@ -102,7 +102,7 @@ class Job:
 
 
 def months_text(months: Mapping[str, Sequence[str]]) -> str:
-    """Months that a run made and those it kept, as one line."""
+    """Months that a run made and kept, as one line."""
 
     def listed(names: Sequence[str]) -> str:
         if len(names) < 5:

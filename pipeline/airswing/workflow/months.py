@@ -61,7 +61,7 @@ def make_headings(job: Job) -> xr.Dataset:
 
     Months whose inputs are unchanged are kept, unless the job is fresh. The Dataset of all months
     is lazy; its attribute ``months`` (JSON) has those ``made`` and ``kept``. Months without a
-    screened report are there too, with the model's winds.
+    screened report are included, with the model's winds.
 
     Raises
     ------
@@ -236,7 +236,7 @@ class ReportArchive:
                 del self._frames[identity]
 
     def places(self, most: int) -> xr.Dataset:
-        """Times and places of at most so many reports, evenly taken from all files."""
+        """Times and places of at most ``most`` reports, evenly selected from all files."""
         for identity in list(self.files):
             if identity not in self._frames:
                 self._read(identity)
@@ -373,7 +373,7 @@ class _Month:
             return False
 
     def make(self) -> None:
-        """Make the month's headings, unless no flight begins in it, and note what was made."""
+        """Make and record the month's headings, unless no flight begins in it."""
         if self.before.get("product"):
             self.job.progress.say(f"{self.name}: model winds kept, screening repeated")
             self.note["models"] = self.before["models"]

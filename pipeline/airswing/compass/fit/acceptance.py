@@ -6,15 +6,15 @@ flight, enlarged where days scatter more. With it, the whole fleet is solved tog
 (`airswing.compass.fleet.solution`) and errors are clustered by day. Where headings or flights do
 not allow a curve only the constant is published: A, the other coefficients zero with the variance
 of cycles as large as the fleet's, without amplitude. Coefficients are NaN where nothing is
-published. They are taken as normal; functions of them to first order (delta method), except that
-the phase's error near zero amplitude is that of the arc sine.
+published. They are taken as normally distributed; errors of functions of them are to first order
+(delta method), except near zero amplitude the error of the phase, which follows the arc sine.
 
 Held-out days
 -------------
 The days of an aircraft are divided into `FOLDS` parts (its flights, where there are fewer than five
 days). Without the reports of one part the coefficients are, to first order, the published ones
 minus the sum of the influences of the part's flights, enlarged by the weight of the others; the
-influences are those of the aircraft's single fit, brought to the published covariance. The squared
+influences are those of the aircraft's single fit, scaled to the published covariance. The squared
 vector disagreement with the reference is a quadratic function of the coefficients, whose sums by
 part the fit has kept. The bias of the reference that goes with the published coefficients is
 removed before and after the correction, but at most `MAX_BIAS` of it.
@@ -133,7 +133,7 @@ class AircraftSums:
     fit: AircraftFit | None
     status: int  # code of `airswing.flags.STATUS`
     field: float  # mean horizontal field of the reports used, nT; NaN where unknown
-    constant: AircraftFit | None = None  # fit of the constant alone, where there is no curve
+    constant: AircraftFit | None = None  # fit of the constant only, without a curve
 
 
 @dataclass(frozen=True)

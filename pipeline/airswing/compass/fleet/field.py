@@ -179,7 +179,7 @@ MOST_NODES = 400
 """Nodes of the passing part in one region: a square of 8,000 km. Their covariance takes the square
 of their number in each segment, its inverse the cube."""
 SHIFTS = 5
-"""Positions that the borders of regions take in turn; no divisor of the four segments of a day."""
+"""Number of successive positions of regions' borders; not a divisor of four segments a day."""
 LARGEST_VARIANCE = 9.0
 """(m/s)2: bound of every variance; a larger one is no error of the reference."""
 ROUNDS = 6
@@ -265,7 +265,7 @@ class FieldBasis:
 
 
 def _middle(longitude: Array) -> float:
-    """Longitude opposite the widest gap; where there is none, opposite the fewest blocks."""
+    """Longitude opposite the widest gap or, without a gap, opposite the fewest blocks."""
     degree = np.floor(longitude % 360.0).astype(np.int64) % 360
     count = np.bincount(degree, minlength=360)
     # twice around, for a gap across the meridian where counting begins
@@ -473,7 +473,7 @@ def estimate_variances(stretch: Stretch, white: Array) -> Variances:
         apart = float(((left - mean[:, one.piece]) ** 2).sum()) / 2.0
         share = 1.0 - 1.0 / count[one.piece]
         block = (apart - float((share * noise).sum())) / max(float((count - 1).sum()), 1.0)
-        # above zero: the precision of a part divides by its variance
+        # positive, because the precision of a part divides by its variance
         block = min(max(block, 1e-3), LARGEST_VARIANCE)
         expected = np.add.reduceat(noise + block, one.opens) / count**2
         # mean posterior variance of the passing part at the middle of a piece

@@ -68,7 +68,7 @@ class Reference:
         self.aircraft, self.functions = free.shape[0], self.basis.lasting_size + 1
         segments, count = np.unique(segment, return_counts=True)
         most = int(MOST_BLOCKS * max(1.0, self.aircraft / AIRCRAFT))
-        # a segment of many nodes takes the memory of so many blocks
+        # a segment of many nodes counts as the blocks that take the same memory
         nodes = min(self.basis.passing_size, 4 * int(count.max()))
         numbers = min(nodes**2, min(nodes, self.basis.region_size) ** 2 * self.basis.regions)
         count = np.maximum(count, numbers * most // MOST_NUMBERS)
@@ -289,7 +289,7 @@ def _direct_information(precision: Precision, aircraft: int) -> Array:
 
 
 def _runs(segments: Index, count: Index, day: Index, most: int) -> list[Index]:
-    """Segments of whole days with at most so many blocks together, one day at least."""
+    """Segments of whole days with at most `most` blocks together, at least one day."""
     opens = np.flatnonzero(np.diff(day, prepend=-1))
     found, total = [0], 0
     for begin, blocks in zip(opens.tolist(), np.add.reduceat(count, opens).tolist(), strict=True):

@@ -33,7 +33,7 @@ ENOUGH_ROWS, FEWEST_AIRCRAFT = 20_000, 20
 MONTH_BEFORE = 28
 """Days before a month from which its errors are estimated; with fewer, the month is used."""
 LIKELY = 3.0
-"""Log likelihood ratio beyond which an aircraft of a small fleet seems to have stepped too."""
+"""Log likelihood ratio above which another aircraft of a small fleet also seems to have stepped."""
 _DEGREE = np.pi / 180.0
 
 

@@ -3,8 +3,8 @@
 Assumes that a day gives a quantity x (the coefficients of a compass; the logarithm of a wind vector
 difference) by a normal matrix N and a right side r, with errors of covariance phi N^-1 + tau^2: phi
 from the independent errors of the reports of the day, tau^2 from their common error. The weight of
-a day is W = (phi N^-1 + tau^2)^-1, which exists for singular N too. The scale of the errors of each
-aircraft is estimated by empirical Bayes; successive days are correlated (first-order
+a day is W = (phi N^-1 + tau^2)^-1, which also exists for singular N. The scale of the errors of
+each aircraft is estimated by empirical Bayes; successive days are correlated (first-order
 autoregression), which inflates the variance of a period.
 
 Every night a step at any of the last 30 days is compared with no step. The level before has its
@@ -66,8 +66,8 @@ class Law:
 class Noise:
     """Errors of a day."""
 
-    within: float  # phi: of the reports
-    between: Floats  # (p,): tau^2: of the common error of the reports of a day
+    within: float  # phi: error variance of the reports
+    between: Floats  # (p,): tau^2: variance of the common error of a day's reports
     persistence: float = 0.0  # correlation of a day with the next
 
     def weights(self, normal: Floats, right: Floats) -> tuple[Floats, Floats]:
@@ -174,7 +174,7 @@ class StepTest:
         return [lag for lag in LAGS if lag <= len(self._ring)]
 
     def _student_ratio(self, number: int, lag: int) -> float:
-        """Log likelihood ratio of a step so many days ago, by Student's t errors."""
+        """Log likelihood ratio of a step ``lag`` days ago, with Student's t errors."""
         rows = [self.sums[number], *(self._ring[-k][1][number] for k in range(1, lag + 1))]
         daily, score = (
             -np.diff([row[name] for row in rows], axis=0) for name in ("weight", "right")
@@ -198,7 +198,7 @@ class StepTest:
             sums["limited"][k] = sums["right"][k]
 
     def _ratios(self, of: Ints, lags: Sequence[int]) -> Floats:
-        """Log likelihood ratios of a step so many days ago, (lag, n), normal errors."""
+        """Log likelihood ratios of a step ``lags`` days ago, (lag, n), with normal errors."""
         before = np.array([self._ring[-lag][1][of] for lag in lags], self.sums.dtype)
         before = before.reshape(len(lags), of.size)
         ratio = _mixture(*self._after(of, lags, before, "limited"), self.law.shapes)

@@ -152,7 +152,7 @@ def _ratios(
     if days.size < FEWEST_TRAINING_DAYS:
         return ones * USUAL_RATIO, np.zeros(ones.size, dtype=bool)
     rest = [name for name in part.dims if name != "variable"]
-    # The raw forecast first: of equal errors argmin takes the first.
+    # The raw forecast comes first, because argmin selects the first of equal errors.
     squares = [part**2] + [(part - _known_bias(part, kalman_bias, one)) ** 2 for one in RATIOS]
     table = np.array([square.mean(rest).to_numpy() for square in squares])
     known = np.isfinite(table).all(axis=0)

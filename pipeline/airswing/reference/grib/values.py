@@ -223,7 +223,7 @@ def _probes(row: np.void, size: int) -> Ints:
 
 @lru_cache(maxsize=64)  # the fields of an archive have a few sizes
 def probes_of(size: int) -> Ints:
-    """Places evenly spread over a grid of so many points."""
+    """Places evenly spread over a grid of ``size`` points."""
     return np.unique(np.linspace(0, size - 1, min(size, _PROBES)).astype(np.int64))
 
 

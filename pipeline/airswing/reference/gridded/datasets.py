@@ -418,7 +418,7 @@ def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> in
 
 
 def _in_si(row: np.void, stored: StoredField, values: Floats) -> Floats:
-    """Values in SI units; of a pressure by its level's formula."""
+    """Values in SI units; a pressure by the formula of its level."""
     if stored.scale != 1.0:
         values = values * stored.scale
     if stored.exponential:
@@ -427,6 +427,6 @@ def _in_si(row: np.void, stored: StoredField, values: Floats) -> Floats:
     if row["kind"] >= PRESSURE:
         values = row["a"] + row["b"] * values
     low, high = limits(int(row["kind"]))
-    # fill values that no attribute names would be interpolated
+    # fill values without an attribute would be interpolated
     with np.errstate(invalid="ignore"):
         return np.where((values >= low) & (values <= high), values, np.nan)

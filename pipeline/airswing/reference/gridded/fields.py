@@ -6,7 +6,7 @@ without units a name of pressure levels counts if the values are levels of aircr
 The pressure of native levels is a variable on them, or ``a + b ps`` by the CF formula terms of
 hybrid (``ap, b, ps``; ``a, p0, b, ps``) and sigma levels (``a = (1 - sigma) ptop``), or by the half
 levels of a GRIB's pv section, of which a full level has the mean (Simmons and Burridge 1981). The
-surface pressure is that of the same time, lead, member and grid, its logarithm taking precedence.
+surface pressure is that of the same time, lead, member and grid, with precedence for its logarithm.
 """
 
 from __future__ import annotations

@@ -128,7 +128,7 @@ def _stamp(text: object) -> np.datetime64:
 
 
 def grids_of_wrf(ds: xr.Dataset, count: int) -> list[Grid]:
-    """The grid of each of so many times; the same object if the grid has not moved."""
+    """The grid at each time; the same object if the grid has not moved."""
     latitude, longitude = next(names for names in _PLACES if set(names) <= set(ds.variables))
     angles = [name for name in ("SINALPHA", "COSALPHA") if name in ds.variables]
     places = ds[[latitude, longitude, *angles]]

@@ -3,8 +3,8 @@
 A map is equirectangular: x is the longitude unwrapped around the middle of the data, and a degree
 of longitude is drawn cos(latitude of the middle) as wide as one of latitude, which serves up to the
 size of a continent. The outline is part of the package (``data/SOURCE.md``). Many reports (over
-20,000) are drawn as a density of hexagons; of more than `MOST_DRAWN` every n-th is drawn, as stated
-in the caption. Counts are of all reports.
+20,000) are drawn as a density of hexagons; if there are more than `MOST_DRAWN`, every n-th is
+drawn, as stated in the caption. Counts are of all reports.
 """
 
 from __future__ import annotations

@@ -159,7 +159,7 @@ def interval_rows(
 def annotate(
     axes: Axes, text: str, place: Sequence[float], points: tuple[int, int], **look: Any
 ) -> None:
-    """Write a text so many points away from a place."""
+    """Write a text at an offset in points from a place."""
     axes.annotate(text, (place[0], place[1]), xytext=points, textcoords="offset points", **look)
 
 

@@ -197,7 +197,7 @@ def heading_errors_figure(run: Run, names: Sequence[str]) -> Figure:
 
 
 def small_panels(number: int) -> tuple[style.CaptionedFigure, list[Axes]]:
-    """Return a figure with so many panels of one scale, four in a row."""
+    """Return a figure with a number of panels of one scale, four in a row."""
     rows = -(-number // _COLUMNS)
     options = {"sharex": True, "sharey": True, "squeeze": False}
     figure, grid = style.panels(0.45 + 1.85 * rows, rows, _COLUMNS, **options)

@@ -50,7 +50,7 @@ def _cells_by(statistics: xr.Dataset, by: str) -> xr.Dataset:
 
 
 def _innovation_figure(statistics: xr.Dataset, units: Units) -> Figure:
-    """Draw bias and standard deviation; of the aircraft those with most reports."""
+    """Draw bias and standard deviation, for the aircraft with most reports."""
     aircraft, *others = (_cells_by(statistics, by) for by in _CELLS)
     reports = aircraft["innovation_speed_count"].isel(state=0).to_numpy()
     if not reports.sum():

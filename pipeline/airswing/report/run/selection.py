@@ -111,7 +111,7 @@ class Run:
 
     @property
     def bias_words(self) -> str:
-        """A sentence on the bias subtracted from the points; empty where there is none."""
+        """A sentence on the bias subtracted from the points; empty without a bias."""
         east, north = (shown_per_m_s(self.units) * part for part in self.bias)
         text = (
             f" The fitted bias of the reference ({east:+.2f} {self.units} eastward, {north:+.2f} "

@@ -275,9 +275,9 @@ def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     """Make reports, a row each, of single Mode-S messages in SI, a row each in any order.
 
     A transponder sends position, ground vector, and heading and airspeed in separate messages. A
-    report is made of each message with a heading (where there is none, of each position): missing
-    values are interpolated linearly in time between the same aircraft's messages with values. Both
-    must be within 10 s, or one within 1 s. Messages that do not make reports are counted as
+    report is made of each message with a heading (without any, of each position): missing values
+    are interpolated linearly in time between the same aircraft's messages with values. Both must be
+    within 10 s, or one within 1 s. Messages that do not make reports are counted as
     ``merged_message``.
     """
     raw = raw.sort_values(["tail", "time"], kind="stable", ignore_index=True)

@@ -33,7 +33,7 @@ from airswing.synthetic.sealed.labels import Injected
 RUNGS: dict[int, float] = {1: 0.35, 2: 0.1, 3: 0.15, 4: 0.3, 5: 0.1}
 """Share of the cases on each rung."""
 SHORT_RUNGS, SHORT_DAYS = (1, 4), (14, 15)
-"""Rungs of which every fourth world is short: weather looks like a lasting error there."""
+"""Rungs in which every fourth world is short, so that weather looks like a lasting error."""
 OUTSIDE_SHAPES = (*SHAPES, "product", "threshold", "scatter")
 """Shapes of outside effects: of one variable, of two, and those that change no mean."""
 ALIKE: tuple[frozenset[str], ...] = (

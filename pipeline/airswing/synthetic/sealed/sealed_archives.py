@@ -164,8 +164,8 @@ class SensorRecord:
     """Residual errors of one real flight, each (n,)."""
 
     magnetic: Array  # indicated magnetic heading, radians
-    heading_error: Array  # less the mean of each heading, radians
-    airspeed_error: Array  # less the mean of each heading, m/s
+    heading_error: Array  # minus the mean of each heading, radians
+    airspeed_error: Array  # minus the mean of each heading, m/s
 
 
 def sensor_record(table: pd.DataFrame) -> SensorRecord:
@@ -188,7 +188,7 @@ def sensor_record(table: pd.DataFrame) -> SensorRecord:
 
 
 def _irregular(heading: Array, error: Array) -> Array:
-    """Error less the mean of each heading.
+    """Error minus the mean of each heading.
 
     Reports draw their moments by heading: a lasting deviation of the unit would return in every
     report of that heading, and a diagnosis that names it would be right.
