@@ -151,7 +151,7 @@ def collocate(
     columns: Annotated[
         list[str] | None,
         typer.Option(
-            help="Column of a TRACK and what it is, such as 'fl=pressure_altitude_ft'.",
+            help="Column of a TRACK and its meaning, such as 'fl=pressure_altitude_ft'.",
             metavar="COLUMN=NAME",
         ),
     ] = None,
@@ -281,7 +281,7 @@ class _WithFormats(TyperCommand):
 @app.command(cls=_WithFormats)
 def export(
     config: ConfigPath,
-    to: Annotated[str, typer.Option(help="What to write; see below.", metavar="FORMAT")],
+    to: Annotated[str, typer.Option(help="Format to write; see below.", metavar="FORMAT")],
     output: Annotated[  # text, since a slash at its end asks for a folder
         str,
         typer.Option(
@@ -301,7 +301,7 @@ def export(
     ] = False,
     domain: Annotated[int | None, typer.Option(help="Nest of WRF, for OBS_DOMAIN.")] = None,
     platform: Annotated[
-        str | None, typer.Option(help="TAMDAR, AMDAR, ACARS or AIREP; else by source.")
+        str | None, typer.Option(help="TAMDAR, AMDAR, ACARS or AIREP; by default by source.")
     ] = None,
     identifiers: Annotated[
         str | None, typer.Option(help="tail, or number: five digits an aircraft.")

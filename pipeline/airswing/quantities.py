@@ -22,7 +22,7 @@ from pydantic import BeforeValidator
 from airswing.errors import InputError, shortened
 from airswing.units import DAY
 
-if TYPE_CHECKING:  # taken up at the first quantity
+if TYPE_CHECKING:  # imported at the first quantity
     import pint
 
 

@@ -124,7 +124,7 @@ def test_two_references_of_independent_error_make_a_hat():
     pools = {"a": ["a"], "b": ["b"], "a+b": ["a", "b"]}
     found = observation_errors(headings, corrected, pools=pools, reference="a+b")
     assert found.attrs["method"] == "three_cornered_hat"
-    assert "too few aircraft meet" in found.attrs["method_reason"]
+    assert "too few neighbours" in found.attrs["method_reason"]
     before, after = found["fleet_observation_error"].to_numpy()
     low, high = found["fleet_observation_error_interval"].sel(state="corrected").to_numpy()
     assert low < 0.5 < high and after < 0.8

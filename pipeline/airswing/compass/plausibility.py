@@ -355,7 +355,7 @@ def _chord(columns: Mapping[str, Array]) -> Complex:
 
 
 def _finite(*columns: NDArray[Any]) -> list[NDArray[Any]]:
-    """Rows where all columns are finite; none where these are too few for a test."""
+    """Rows where all columns are finite; none if too few for a test."""
     known = np.isfinite(np.sum(columns, axis=0))
     known &= np.count_nonzero(known) >= FEWEST
     return [values[known] for values in columns]

@@ -23,7 +23,7 @@ from airswing.products.ragged import time_span
 
 STATES = ("reported", "corrected")
 LEVEL_EDGES_HPA = (1100.0, 900.0, 800.0, 700.0, 600.0, 500.0, 400.0, 300.0, 200.0)
-"""Edges of the layers from the ground up (those of the error table of WRFDA, merged)."""
+"""Edges of the layers from the ground upwards (merged from WRFDA's error table)."""
 LAYER_PRESSURES = {
     "layer_bottom_pressure": ("layer", np.array(LEVEL_EDGES_HPA[:-1]) * 100.0),
     "layer_top_pressure": ("layer", np.array(LEVEL_EDGES_HPA[1:]) * 100.0),

@@ -349,12 +349,12 @@ def _separation(
 def _preferred(fleet: Floats, known: tuple[bool, bool], members: int) -> tuple[str, str]:
     """Preferred method by the fleet's variances (draw, method), and the reason; or no method."""
     if not any(known):
-        return "", "too few neighbouring aircraft or days, and one reference alone"
+        return "", "too few neighbouring aircraft or days, and only one reference"
     if not known[0]:
-        reason = "too few aircraft meet; an upper bound where the references' errors are correlated"
+        reason = "too few neighbours; an upper bound where the references' errors are correlated"
         return METHODS[1], reason
     if not known[1] or len(fleet) == 1:
-        reason = "one reference alone" if members < 2 else "the references' covariance is not known"
+        reason = "only one reference" if members < 2 else "the references' covariance is not known"
         return METHODS[0], reason
     shared = fleet[:, 1] - fleet[:, 0]
     low, high = interval(shared[1:])

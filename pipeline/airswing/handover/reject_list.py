@@ -115,10 +115,10 @@ def write_reject_list(request: Request) -> dict[str, Any]:
     ]
     known = [one for one in kept if "name" in one]
     gained = sum(one["winds_a_day"] for one in removed)
-    notes = [f"off the list: {one['aircraft']} ({one['why']})" for one in removed[:_SHOWN]]
+    notes = [f"removed: {one['aircraft']} ({one['why']})" for one in removed[:_SHOWN]]
     notes += [f"remains: {one['aircraft']} ({one['why']})" for one in known[:_SHOWN]]
     notes.append(
-        f"{len(removed)} aircraft come off, {len(kept)} remain ({len(kept) - len(known)} of them "
+        f"{len(removed)} aircraft removed, {len(kept)} remain ({len(kept) - len(known)} of them "
         f"not in the archive): {gained:,.0f} winds a day gained"
     )
     if failing:

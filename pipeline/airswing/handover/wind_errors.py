@@ -58,7 +58,7 @@ def known_errors(request: Request, *, required: bool = False) -> xr.Dataset | No
             "no error of the reports is known",
             field="observation_error",
             found=known.attrs.get("method_reason"),
-            remedy="It takes two references, or aircraft that meet, on some days",
+            remedy="Two references or neighbouring aircraft are needed on several days",
         )
     return chosen
 

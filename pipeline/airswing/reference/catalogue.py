@@ -1,4 +1,4 @@
-"""Catalogue of a reference: where the wind profile of each valid time is stored; nothing decoded.
+"""Catalogue of a reference: where the wind profile of each valid time is stored, without decoding.
 
 A row is one field of one level; a profile is the u and v of all levels of one valid time, lead,
 member and grid, with the pressure of each level where levels are not isobaric. A level with u but

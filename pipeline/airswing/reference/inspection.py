@@ -1,4 +1,4 @@
-"""Content of model files, for people: times, levels, grids, packings, and what is not used."""
+"""Readable summary of model files: times, levels, grids, packings, and skipped content."""
 
 from __future__ import annotations
 

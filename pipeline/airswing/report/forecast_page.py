@@ -60,7 +60,7 @@ def forecast_headline(corrected: xr.Dataset) -> str:
         if np.isfinite(before):
             parts.append(f"of {_plain(name)} from {before:.2f} to {after:.2f} {unit}".rstrip())
     if not parts:
-        return "No held-out day has a pair to judge the corrected forecasts by."
+        return "No held-out day has a pair to score the corrected forecasts."
     return f"On held-out days the filter changed the rms error {', '.join(parts)}."
 
 

@@ -1,6 +1,6 @@
 """Read aircraft reports of any known format, recognised by the content of a file.
 
-A file that cannot be read to its end counts as not read at all.
+A file that cannot be read completely is treated as unreadable.
 """
 
 from __future__ import annotations

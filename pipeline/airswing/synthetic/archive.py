@@ -1,7 +1,7 @@
 """Sample archives: reports and model winds of a fleet whose compasses are known.
 
-Everything follows from one seed, and an effect that is switched on changes nothing else, so that
-archives with and without it are paired. The truth is written next to the archive, never into it.
+All random numbers follow from one seed, and an effect changes nothing else, so that archives with
+and without it are paired. The truth is written next to the archive, not into it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Effects = Sequence[Mapping[str, object]]
 LEVELS = (1000, 950, 900, 850, 800, 750, 700, 650, 600, 550, 500, 450, 400, 350)
 """hPa."""
 EDITIONS = {"ruc": (1, "grb"), "rtfdaa": (2, "grb2")}
-"""GRIB edition and suffix of each model: both editions, so that every archive reads both."""
+"""GRIB edition and suffix of each model: both editions, so that every archive tests both."""
 _PHASES = np.array(["", "ascent", "cruise", "descent"])
 
 

@@ -236,7 +236,7 @@ def _reported(
         elif fault.name == "time_lag" and fault.parameters.get("to_minute"):
             steps["time"][where] = 60.0
         elif fault.name == "outliers":
-            # Seeded by its content, so that other effects leave it unchanged.
+            # Seeded by its content, so that it does not depend on other effects.
             rng = stream(seed, f"outliers {fault.tails} {fault.value('fraction')}")
             hit = where & (rng.uniform(size=number) < fault.value("fraction"))
             kind = rng.integers(0, 3, number)

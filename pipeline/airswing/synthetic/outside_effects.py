@@ -4,7 +4,7 @@ A *part* turns one variable of the report into a number of order one; the parts 
 multiplied. The product changes one component of the wind the unit computed, before it is coded, and
 is scaled to the stated root mean square over the reports where the effect acts. An effect of
 scatter changes no mean: it clips, rounds or jitters winds. Cyclic variables are taken as fractions
-of their turn, the others as their place between the 2nd and 98th percentile of the archive.
+of their turn, the others as their position between the 2nd and 98th percentile of the archive.
 
 Truth: named effects are implemented here again, independent of the diagnosis; least squares by
 aircraft gives the share of a change they explain. The share of a variable is the part of the signed

@@ -237,7 +237,7 @@ def summary_text(summary: Summary, output: Path, *, units: Units = "kt") -> str:
     lines = [
         f"{reports['read']:,} reports read, {reports['kept']:,} kept for the fit; "
         f"{status['ok']} of {summary['aircraft']} aircraft fitted against {summary['reference']}"
-        + (f", {status['offset_only']} with an offset alone" if status["offset_only"] else ""),
+        + (f", {status['offset_only']} with an offset only" if status["offset_only"] else ""),
         "",
         "aircraft    amplitude*       phase   offset*          reports   "
         f"{f'wind disagreement ({units})':<24}status",

@@ -170,7 +170,7 @@ class ReportArchive:
             return {}
 
     def keep_notes(self) -> None:
-        """Note the days of every file for the next run."""
+        """Record the days of every file for the next run."""
         files = [
             (identity, days, self._audits[identity].as_dict())
             for identity, days in self.files.items()

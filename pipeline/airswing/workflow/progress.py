@@ -40,7 +40,7 @@ class StageRecord:
         return f"{self.name}: {self.phase}" if self.phase else self.name
 
     def enter(self, phase: str, done: float) -> None:
-        """Note the phase under way (empty at the end) and the fraction of it that is done.
+        """Set the current phase (empty at the end) and the fraction of it that is done.
 
         The time since the last call is that of the phase before.
         """

@@ -460,7 +460,7 @@ def make_monitoring(
 
 
 def events_said(job: Job, number: int) -> None:
-    """Note that all `number` events have been printed; a later run may have found more."""
+    """Record that all `number` events have been printed; a later run may have found more."""
     path = job.output / "events.json"
     found = read_events(path)
     if found.unsaid:

@@ -165,7 +165,7 @@ class _Pass:
         self.score = -(across @ self.residual[0] + along @ self.residual[1])
 
     def blocks(self, bias: Array, step: Array, kappa: float) -> Blocks:
-        """Sums of the blocks; ``bias`` of the residual, ``step`` of A to E and s made after it."""
+        """Sums of the blocks; ``bias`` of the residual, ``step`` of A to E and s after it."""
         reports = self.reports
         # weight; weighted residual as reference minus corrected wind, eastward and northward; its
         # weighted derivatives by A to E and s, eastward and then northward

@@ -15,13 +15,13 @@ headings flown. The reference's bias enters as (b_u cos psi - b_v sin psi) / V a
 separated from A on one heading. It comes from the aircraft with curves where there are two or more,
 else from the along-track errors of the aircraft without, which do not depend on the compass. Its
 scatter between aircraft widens the interval; from along-track errors that scatter includes the
-airspeed errors, so that the interval is rather too wide than too narrow. The covariance of A to E
-is that of a curve whose cycles are as large as the fleet's (`USUAL_CYCLE` where there are fewer
-than `FEWEST_CURVES` curves) and whose mean over the headings flown is the constant: at these
-headings it adds nothing, at others it is the amplitude itself. Fewer than `MIN_FLIGHTS` flights are
-too few to estimate the reference's error of a flight: their clusters are stretches of `STRETCH`,
-and the error of a flight is that of the along-track errors of all such aircraft, `FEWEST_AIRCRAFT`
-of them or more.
+airspeed errors, so that the interval is wider than necessary. The covariance of A to E is that of a
+curve whose cycles are as large as the fleet's (`USUAL_CYCLE` where there are fewer than
+`FEWEST_CURVES` curves) and whose mean over the headings flown is the constant: at these headings it
+adds nothing, at others it is the amplitude itself. Fewer than `MIN_FLIGHTS` flights are too few to
+estimate the reference's error of a flight: their clusters are stretches of `STRETCH`, and the error
+of a flight is that of the along-track errors of all such aircraft, `FEWEST_AIRCRAFT` of them or
+more.
 
 Radians and m/s.
 

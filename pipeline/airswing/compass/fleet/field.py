@@ -306,7 +306,7 @@ class Variances:
 
 @dataclass(frozen=True)
 class Stretch:
-    """Blocks of a fleet against one reference, end to end; n blocks.
+    """Blocks of a fleet against one reference, concatenated; n blocks.
 
     Where the field is divided into regions each region of a segment counts as a segment.
     """

@@ -370,7 +370,7 @@ def noted_changes(fits: xr.Dataset) -> list[Content]:
     """
     if "compass_changes" not in fits.attrs:
         raise InputError(
-            "the fits do not say which compasses changed",
+            "the fits contain no test of the compasses for changes",
             field="compass_changes",
             remedy="Make them again: `airswing fit`",
         )

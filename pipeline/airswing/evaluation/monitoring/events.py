@@ -210,7 +210,7 @@ def read_events(path: Path) -> Monitoring:
             "not an events.json that this version can read",
             file=path,
             found=err,
-            remedy="Remove it: monitoring starts anew, and may report events again",
+            remedy="Remove it: monitoring restarts, and may report events again",
         ) from err
 
 

@@ -75,7 +75,7 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
     split = [[part.strip().strip('"') for part in line.split(mark)] for line in body]
     names, rows = [name.lower() for name in split[0]], split[1:]
     whole = [row for row in rows if len(row) == len(names)]
-    # A few broken lines are left out; where most are broken, the file is not a table.
+    # A few invalid lines are skipped; if most are invalid, the file is not a table.
     if 2 * len(whole) < len(rows) or len(names) < 2:
         raise InputError(
             "not a table: most lines have another number of columns than the first",

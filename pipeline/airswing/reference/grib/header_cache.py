@@ -1,8 +1,8 @@
 """Headers of GRIB files, kept between runs in the user's cache folder, one entry for each file.
 
 An entry is valid for a file's path, size, modification time and a sample of its bytes, and for the
-code that read it. In place of a damaged or half-written entry the file is read again; a folder that
-cannot be written costs time and one warning, not the run.
+code that read it. If an entry is damaged or incomplete, the file is read again; a folder that
+cannot be written causes one warning and a longer run.
 """
 
 from __future__ import annotations

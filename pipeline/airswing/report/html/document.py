@@ -1,7 +1,7 @@
 """Parts of a page: sections, tables, figures, folded details, and the whole HTML document.
 
-The page is one HTML text with styles and images inside; nothing is fetched, and all of it can be
-read without scripts. Jinja2 and markupsafe escape every text.
+The page is one HTML text with styles and images inside; nothing is downloaded, and it is readable
+without scripts. Jinja2 and markupsafe escape every text.
 """
 
 from __future__ import annotations

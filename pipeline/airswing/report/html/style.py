@@ -1,4 +1,4 @@
-"""One look for every figure: sizes, type, colours, rows and intervals.
+"""Common style of all figures: sizes, fonts, colours, rows and intervals.
 
 Figures are 9.6 inches wide, about 920 CSS pixels. pyplot is not used and no figure is kept alive.
 Colours: Okabe and Ito (2008), "Color Universal Design", which colour-blind readers can distinguish.

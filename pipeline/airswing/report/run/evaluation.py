@@ -214,7 +214,7 @@ def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
 def ranking_section(
     ranking: Sequence[Content], virtual: Content | None, show: html.Figures
 ) -> html.Section:
-    """Return the section on which aircraft to correct first and on how such predictions held."""
+    """Return the section on the ranking of aircraft and the accuracy of its predictions."""
     title, units, factor = "Which aircraft to correct first", show.units, shown_per_kt(show.units)
     known = [entry for entry in ranking if entry["expected_gain_kt"] is not None]
     if not known:
@@ -231,7 +231,7 @@ def ranking_section(
     left_out = len(ranking) - len(known)
     others = f"; {left_out} without a usable fit" if left_out else ""
     figure.say(
-        "Expected reduction of the disagreement from correcting each aircraft, from its fit alone, "
+        "Expected reduction of the disagreement from correcting each aircraft, from its fit, "
         f"with 95 % intervals (n = {plural(len(shown), 'aircraft')}{others})."
     )
     parts, lines = [show("ranking", figure)], []

@@ -1,4 +1,4 @@
-"""Heading error of an aircraft against its magnetic heading: the one drawing used everywhere.
+"""Heading error of an aircraft against its magnetic heading: the common drawing.
 
 :func:`draw_heading_error` draws the reports, binned medians, the fitted curve with its 95 %
 interval and the 8-point table in a panel. The interval of a median takes reports as independent;

@@ -378,12 +378,12 @@ def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
         right.axis("off")
     figure.say(
         f"{kept:,} ({100 * kept / max(total, 1):.1f} %) entered the fits "
-        f"(n = {plural(total, 'report')}). Dark: marked by that rule alone."
+        f"(n = {plural(total, 'report')}). Dark: marked only by that rule."
     )
     columns = {
         "rule": names,
         "reports marked": [f"{number:,}" for number in marked],
-        "by this rule alone": [f"{number:,}" for number in alone],
+        "only by this rule": [f"{number:,}" for number in alone],
         "share of all": [f"{100 * number / total:.1f} %" for number in marked],
     }
     caption = f"Screening by rule (n = {total:,} reports)."

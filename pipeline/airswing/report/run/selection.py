@@ -170,8 +170,8 @@ def table_error(fit: xr.Dataset) -> tuple[Floats, Floats]:
 def needs_no_correction(fits: xr.Dataset) -> NDArray[np.bool_]:
     """Return a mask of the fits against one reference whose 8-point table is zero within its error.
 
-    Either the status says so (``no_correction_needed``), or every node of the table is smaller than
-    half the width of the 95 % interval of the curve there, or rounds to zero.
+    Either the status is ``no_correction_needed``, or every node of the table is smaller than half
+    the width of the 95 % interval of the curve there, or rounds to zero.
     """
     status = fits["status"].to_numpy()
     nodes, error = table_error(fits)

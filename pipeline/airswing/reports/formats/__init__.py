@@ -1,8 +1,8 @@
 """Report formats: the tuples ``FORMATS`` of the modules of this package.
 
-The format of a file follows from its first bytes (of a compressed file the decompressed ones): each
-format says whether it recognises them, the specific before the general (``priority``). A new format
-is a new module with such a tuple; nothing else is changed.
+The format of a file is recognised by its first bytes (after decompression); specific formats are
+tried before general ones (``priority``). A new format is a new module with such a tuple; nothing
+else is changed.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ fixed names ignores it) and the audit, to which everything dropped, repaired or 
 
 @dataclass(frozen=True)
 class ReportFormat:
-    """One format of report files; those of lower priority number are asked first."""
+    """One format of report files; those of lower priority number are tried first."""
 
     name: str  # in the configuration
     recognises: Callable[[bytes], bool]  # whether a file that begins with these bytes is one
@@ -47,7 +47,7 @@ class ReportFormat:
 
 
 def formats() -> dict[str, ReportFormat]:
-    """Every format by name, in the order in which they are asked."""
+    """Every format by name, in the order in which they are tried."""
     modules = [
         importlib.import_module(f"{__name__}.{found.name}")
         for found in pkgutil.iter_modules(__path__)

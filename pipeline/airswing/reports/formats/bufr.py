@@ -4,7 +4,7 @@
 aircraft is the tail number if given, else the registration, else the flight number, in which
 European AMDAR has its aircraft identifier. Levels of a profile (3-11-008, 3-11-009): elements
 before the first level apply to all levels; a level begins where the vertical coordinate occurs
-again. A message whose table version is not available is decoded with a current one.
+again. A message with an unavailable table version is decoded with a current one.
 """
 
 from __future__ import annotations

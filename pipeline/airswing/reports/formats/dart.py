@@ -42,7 +42,7 @@ def _read_sequence(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
     total = int(re.findall(r"\d+", lines[_find(lines, r"num_obs.*")])[0])
     starts = [n for n in range(counts, len(lines)) if re.match(r"\s*OBS\s+\d+\s*$", lines[n])]
     if len(starts) != total:
-        raise ValueError(f"{total:,} observations by its header, {len(starts):,} are there")
+        raise ValueError(f"{total:,} observations by its header, {len(starts):,} in the file")
     records = []
     for start, stop in zip(starts, [*starts[1:], len(lines)], strict=True):
         block = "\n".join(lines[start + 1 : stop]).rstrip().split("\n")

@@ -1,7 +1,7 @@
 """Plan of a blind check: which cases, on which rung, with which effect, in which world.
 
-Rungs: 1 the generator's ordinary world; 2 its hard world; 3 two effects, every other time on the
-same aircraft; 4 effects outside the catalogue, and catalogue effects removed from it for the
+Rungs: 1 the generator's ordinary world; 2 its hard world; 3 two effects, in every second case on
+the same aircraft; 4 effects outside the catalogue, and catalogue effects removed from it for the
 diagnosis; 5 real data: the residual errors of a real flux valve, and the real error of a real
 forecast, with an effect added. A quarter of every rung has no effect, or as many as are asked for.
 Effects, their variants and sizes are drawn without replacement; cases of one rung share worlds, so

@@ -1,4 +1,4 @@
-"""From a drawn case to an archive on disk and a label: strengths set, winds shared, truth measured.
+"""Writes the archive and label of a drawn case: scales effects, shares winds, measures the truth.
 
 A strength is the root mean square of the change in reported minus model wind where the effect acts,
 measured on a short archive of the same world without coding, and taken as proportional to the
