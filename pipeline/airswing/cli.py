@@ -68,7 +68,7 @@ _FAULTS = (
     "EMFILE ENFILE ENOMEM ENOTEMPTY ESTALE"
 )
 _NOT_OURS = {getattr(errno, name, None) for name in _FAULTS.split()}
-# Base of every error in how a command was called; typer exports it neither by name nor by type.
+# Base class of errors in the command line, which typer does not export.
 _USAGE_ERROR: Any = typer.BadParameter.__base__
 
 

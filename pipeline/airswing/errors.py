@@ -58,7 +58,7 @@ class InputError(AirswingError):
     Parameters
     ----------
     what : str
-        What is wrong, in a short phrase.
+        The error, in a short phrase.
     file, field, found, remedy : optional
         The file and the column, variable or key concerned, the value found, and the remedy.
     """

@@ -24,7 +24,7 @@ from airswing.synthetic.outside_effects import WORTH_KT
 DETECTABLE_M_S = 0.4
 #: Edges of the bins of stated probabilities; finer where most claims are.
 EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
-#: A bin with fewer claims says nothing about reliability: its standard error exceeds 0.1.
+#: Fewest claims in a bin for an estimate of reliability: with fewer its standard error exceeds 0.1.
 LEAST_CLAIMS = 20
 
 Reached = tuple[float | None, int]

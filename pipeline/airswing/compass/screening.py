@@ -9,7 +9,7 @@ Screening on the residual itself attenuates every deviation that is fitted after
 error rule is therefore loose: 40 m/s or a third of the airspeed (a deviation of 19 degrees),
 whichever is larger, or an airspeed that no aircraft flies. Smaller errors are weighted by the
 robust fit. A report is tested against every reference it has: a gross difference from one would
-bias its fits and those of every pool that holds it.
+bias its fits and those of every pool that contains it.
 
 Keywords in SI and radians, like the configuration; the Dataset in degrees, like every Dataset.
 """

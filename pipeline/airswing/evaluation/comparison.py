@@ -6,7 +6,7 @@ the deviation. Errors of one day are correlated over the whole fleet, and over a
 
 Two references may be pooled when neither their deviation curves nor their winds, region by region,
 differ beyond error by more than a size that matters: 0.2 degrees rms over the compass, or 0.4 m/s
-in the mean wind of a region, by itself or relative to the other regions on the same days. Where
+in the mean wind of a region, absolute or relative to the other regions on the same days. Where
 there are three references the three-cornered hat estimates the error variance of each (Gray & Allan
 1974, Proc. 28th Freq. Control Symp., 243-246), assuming that their errors are uncorrelated: those
 of references that assimilate the same aircraft come out too small, and may be negative.
@@ -359,7 +359,7 @@ def regional_bias(sums: Floats) -> list[Content]:
     """Mean wind difference of two references by region, and relative to the other regions.
 
     The errors of two models are shared by regions and last for days. Each region is therefore also
-    compared with the others on the same days (``contrast``: what is common to all cancels), and the
+    compared with the others on the same days (``contrast``: common differences cancel), and the
     errors are clustered by blocks of five days or more, with Student's t for their number
     (Ibragimov & Mueller 2010, J. Bus. Econ. Stat. 28, 453-468). Holm's adjustment (1979, Scand. J.
     Stat. 6, 65-70) covers all regions, components and both tests. ``sums`` is (3, region, day):

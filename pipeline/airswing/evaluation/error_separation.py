@@ -105,7 +105,7 @@ def separate(
 
     ``number`` (cell, class) of reports weights cells and classes; the reference's part is
     proportional to ``amplitude`` (cell,), the mean square disagreement; ``weights`` (1 + draw, day)
-    say how often each day counts, the first row being ones.
+    are the weights of each day, the first row being ones.
     """
     if table.day.size < FEWEST_PAIRS or np.unique(table.day).size < FEWEST_DAYS:
         return None

@@ -28,7 +28,7 @@ TURN = 2.0 * np.pi
 
 
 def wrap_signed(angle: ArrayLike) -> Array:
-    """Angle (radians, any shape) brought into (-pi, pi]: half a turn is positive."""
+    """Angle (radians, any shape) reduced to (-pi, pi]: half a turn is positive."""
     value = np.asarray(angle, dtype=np.float64)
     turned = np.pi - np.mod(np.pi - value, TURN)
     # an angle already inside keeps every bit
@@ -36,7 +36,7 @@ def wrap_signed(angle: ArrayLike) -> Array:
 
 
 def wrap_positive(angle: ArrayLike) -> Array:
-    """Angle (radians, any shape) brought into [0, 2 pi)."""
+    """Angle (radians, any shape) reduced to [0, 2 pi)."""
     turned = np.mod(np.asarray(angle, dtype=np.float64), TURN)
     # a tiny negative angle rounds up to the full turn
     return np.asarray(np.where(turned >= TURN, 0.0, turned))
@@ -47,7 +47,7 @@ def wrap_degrees(angle: float | Sequence[float]) -> Array: ...
 @overload
 def wrap_degrees(angle: NDArray[Precision]) -> NDArray[Precision]: ...
 def wrap_degrees(angle: ArrayLike) -> NDArray[np.floating]:
-    """Degrees brought into [-180, 180): longitudes, and angles the short way round.
+    """Degrees reduced to [-180, 180): longitudes, and differences of directions.
 
     Single precision stays single.
     """

@@ -218,7 +218,7 @@ def collocate(
 
 
 class _Hidden:
-    """Content that dask does not search for arrays, nor copy."""
+    """Content that dask neither searches for arrays nor copies."""
 
     def __init__(self, content: Any) -> None:
         self.content = content

@@ -37,7 +37,7 @@ _COMPRESSED: tuple[tuple[bytes, Callable[[Any], Any]], ...] = (
 )
 _FAILED = "The download failed: fetch the file again"
 _BLANK = b" \r\n\t\xef\xbb\xbf"
-#: First bytes (lower case) of files that hold neither winds nor reports, and what to do.
+#: First bytes (lower case) of files without winds or reports, and the remedy.
 _UNREADABLE = (
     (b"pk\x03\x04", "is a zip archive", "Unpack it first: unzip FILE"),
     (b"<!doctype html", "is a page of HTML", _FAILED),
@@ -257,7 +257,7 @@ def identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:
 
 
 def unreadable(path: str, content: bytes, *, reports: bool = True) -> InputError | None:
-    """The error for a file that holds neither winds nor reports by its first bytes, else None.
+    """The error for a file whose first bytes show neither winds nor reports, else None.
 
     Without `reports` also for a file that may hold reports.
     """

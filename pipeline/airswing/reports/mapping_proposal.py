@@ -49,7 +49,7 @@ _BY_SIZE = {
     # No air is as warm as 150 degC, none as cold as 150 K.
     "temperature": (150.0, "K", "degC"),
 }
-# The speed of sound in m/s: no transport flies at it, at 340 kt many do.
+# The speed of sound in m/s: no transport aircraft flies at 340 m/s, but many at 340 kt.
 _SOUND = 340.0
 _FASTEST_WIND = 60.0  # median of a column of winds, in any unit; aircraft are faster
 

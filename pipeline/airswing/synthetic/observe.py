@@ -1,6 +1,6 @@
 """From the exact state of the flights to the reports of the units.
 
-The GPS ground velocity is exact; airspeed and heading carry white noise; reports are coded in whole
+The GPS ground velocity is exact; airspeed and heading have white noise; reports are coded in whole
 steps. Temperature is the standard atmosphere's plus a gradient with latitude and travelling waves;
 icing protection is on inside cold moist patches. Units: SI, degrees for places, hours since the
 start; coded values in the canonical columns' units.

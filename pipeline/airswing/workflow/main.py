@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from airswing.report.run.selection import BeforeAfter
 
 Summary = dict[str, Any]
-"""Main results of a run: what ``airswing run --json`` prints."""
+"""Main results of a run, as printed by ``airswing run --json``."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -118,7 +118,7 @@ def run(
     Raises
     ------
     InputError
-        The configuration or the data cannot be used; the message says what to change.
+        The configuration or the data cannot be used; the message states the remedy.
 
     Examples
     --------

@@ -258,7 +258,7 @@ class ReportArchive:
 
 
 def _days_of(frame: pd.DataFrame) -> Days:
-    """Reports and hash of their rows by day; neither order nor file of the rows matters."""
+    """Reports and hash of their rows by day, independent of the rows' order and file."""
     day = frame["time"].to_numpy().astype("M8[D]").astype(np.int64)
     marks = pd.util.hash_pandas_object(frame, index=False).to_numpy()
     known, number = np.unique(day, return_inverse=True)

@@ -16,8 +16,8 @@ days). Without the reports of one part the coefficients are, to first order, the
 minus the sum of the influences of the part's flights, enlarged by the weight of the others; the
 influences are those of the aircraft's single fit, scaled to the published covariance. The squared
 vector disagreement with the reference is a quadratic function of the coefficients, whose sums by
-part the fit has kept. The bias of the reference that goes with the published coefficients is
-removed before and after the correction, but at most `MAX_BIAS` of it.
+part the fit has kept. The bias of the reference at the published coefficients is removed before and
+after the correction, but at most `MAX_BIAS` of it.
 
 * A mean difference from every reference above `IMPLAUSIBLE`, too large for an error of a model:
   ``implausible_reports``.

@@ -84,7 +84,7 @@ class CompassWatch:
 
     @cached_property
     def changes(self) -> list[Content]:
-        """Changes stated of every aircraft, as ``stability.json`` holds them.
+        """Changes of every aircraft, in the form of ``stability.json``.
 
         One entry for each aircraft: ``aircraft``, ``days`` with reports, ``p_value`` and
         ``statistic`` of the largest step (None with too few days for a test), and ``changes``, each
@@ -273,7 +273,7 @@ def rows_by_aircraft(aircraft: Ints, number: int) -> list[slice]:
 
 
 def step_numbers(step: Step) -> Content:
-    """Date interval, size and error of a compass's step, as JSON holds them; degrees."""
+    """Date interval, size and error of a compass's step for JSON; degrees."""
     degrees, error = np.degrees(step.change[:5]), np.degrees(step.error[:5])
     return {
         "date_ci": [date_of(step.earliest), date_of(step.latest)],

@@ -3,8 +3,7 @@
 Instantaneous fields of temperature at 2 m and wind at 10 m. Interpolation is bilinear in the grid's
 index space, winds are rotated to true east and north; nothing is extrapolated. The difference
 between the heights of the model's ground and the station is not corrected: it contributes to the
-estimated bias. A forecast is paired with the observation nearest to its valid time within a gap. SI
-units.
+estimated bias. A forecast is paired with the observation nearest in time within a gap. SI units.
 """
 
 from __future__ import annotations

@@ -260,7 +260,7 @@ def _field(path: str, number: int, outer: tuple[int, ...]) -> NDArray[np.float64
 def _variables(
     path: str, mtime_ns: int
 ) -> tuple[list[tuple[xr.Dataset, tuple[int, bytes]]], Counter[tuple[str, str]], list[str]]:
-    """Variables of a file by cfgrib, with edition and grid section, what is skipped, odd grids."""
+    """Variables of a file by cfgrib, with edition and grid section; skipped content; bad grids."""
     import eccodes
     from cfgrib.messages import Message
 
