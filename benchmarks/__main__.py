@@ -27,11 +27,13 @@ LONG = {
     "fleet": ["--aircraft", "600", "1200", "2400", "6000"],
 }
 """Arguments by benchmark; none are given where it has no entry."""
+COMPARISONS = {"compare_products", "gap_paired"}
+"""Scripts that compare two results, which are their arguments."""
 
 
 def names() -> list[str]:
     found = {path.stem for path in Path(__file__).parent.glob("[a-z]*.py")}
-    return [*SHORT, *sorted(found - set(SHORT))]
+    return [*SHORT, *sorted(found - set(SHORT) - COMPARISONS)]
 
 
 def main() -> int:
