@@ -1,6 +1,6 @@
-"""Gross errors: single reports that differ from both neighbours, more than would by chance.
+"""Gross errors: single reports that differ from both neighbours, more often than by chance.
 
-How many would without any is that of a simulated archive of the same paths, noise and coding. At
+The share by chance is that of a simulated archive of the same paths, noise and coding. At
 least 100 reports an aircraft. Units: m/s; shares of reports.
 """
 
@@ -19,14 +19,14 @@ from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
 
 LEAST_RATE = 0.002
-"""Share of gross errors from which they are worth a name: 0.1 kt at the usual size."""
+"""Share of gross errors from which they are stated: 0.1 kt at the usual size."""
 LEAST_CHANCE = 5e-4
 """Least share by chance: real noise has tails that a simulated one lacks."""
 DRAWS = 2
 """Simulated archives from which the share by chance is counted."""
 JUMPING = 2.0
-"""The same share where headings come in coarse steps, over that of simulated ones: how often they
-jump hangs on how aircraft wander about a course, which the noise model does not know."""
+"""Ratio of the share by chance to that of simulated reports where headings come in coarse steps: the
+noise model does not hold how aircraft wander about a course."""
 LEAST_SIZE = 6.0
 """Standard deviation per component, m/s, under which a departure is no gross error."""
 
@@ -40,7 +40,7 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
     count = np.bincount(frame.aircraft, minlength=fleet).astype(float)
     hits = np.bincount(frame.aircraft, noise.gross, minlength=fleet).astype(float)
     used = count >= 100
-    # of a handful a rate, and whose it is, is anybody's
+    # a handful of errors determines neither a rate nor the affected aircraft
     if not used.any() or hits[used].sum() < 5:
         return None
     chance = np.maximum(simulated_rate(frame, noise), LEAST_CHANCE)
@@ -49,20 +49,20 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
     if affected.size == 0 or rate < LEAST_RATE:
         return None
     # standard deviation per component; at least 5 m/s: gross is what differs by five standard
-    # deviations, each a metre a second or so
+    # deviations of about 1 m/s
     values = residual[noise.gross & np.isin(frame.aircraft, affected)]
     ordinary = robust_sd(residual, 0.0)
     size = float(np.sqrt(max(float(np.mean(values**2)) - ordinary**2, 25.0)))
     size = 20.0 if values.shape[0] < 5 else size
     if size < LEAST_SIZE:
         return None  # an effect that is switched on and off, not an error of single reports
-    # gross errors of less than 5 m/s in both components pass for noise: those seen are scaled up by
+    # gross errors of less than 5 m/s in both components are not marked: the share is scaled up for
     # them, at most by a half; tanh form of the normal distribution, good to 0.0004
     z = 5.0 / size
     inside = float(np.tanh(z * 0.7979 * (1 + 0.044715 * z * z)))
     seen = 1.0 - min(inside, 0.6) ** 2
     counting = (rate + chance[affected]) / count[affected]
-    # drawn to the common rate as far as counting alone scatters them
+    # shrunk to the common rate by the ratio of counting errors to their scatter
     apart = hits[affected] / count[affected] - chance[affected] - rate
     spread = max(float(np.mean(apart**2 - counting)), 0.0)
     rates = rate + apart * spread / (spread + counting)
@@ -76,11 +76,11 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
 
 
 def simulated_rate(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> Floats:
-    """Share of each aircraft's reports marked where none errs grossly, (aircraft,).
+    """Share of each aircraft's reports that are marked without any gross error, (aircraft,).
 
-    Reports of the same paths through the same noise, coded as the unit codes: what coarse coding
-    and sparse neighbours do is in it. Rare as they are, the fleet's mean counts as much
-    as an aircraft's own share; but headings in coarse steps jump at turns, which are not rare.
+    It is that of reports of the same paths with the same noise and coding, with the effects of
+    coarse coding and of sparse neighbours. The mean of the fleet is the least share of an aircraft,
+    whose marks are few; headings in coarse steps jump at turns and are counted separately.
     """
     rng, coding = np.random.default_rng(seed), Coding.as_found(frame)
     fleet = len(frame.tails)
@@ -127,7 +127,7 @@ SHAPE_DOUBT = 0.08
 def reduction_of_gross(
     frame: Frame, residual: Floats, found: EffectEntry, gross: Booleans
 ) -> ClosesEntry:
-    """Gross errors: as much longer as a normal error of their size makes the calm reports."""
+    """Closure of gross errors: the length that a normal error of their size adds to other reports."""
     rng = np.random.default_rng(0)
     total, doubt = 0.0, 0.0
     for tail, one in (found.per_tail or {}).items():
