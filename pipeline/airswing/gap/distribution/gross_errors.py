@@ -25,8 +25,8 @@ LEAST_CHANCE = 5e-4
 DRAWS = 2
 """Simulated archives from which the share by chance is counted."""
 JUMPING = 2.0
-"""Ratio of the share by chance to that of simulated reports where headings come in coarse steps: the
-noise model does not hold how aircraft wander about a course."""
+"""Ratio of the share by chance to that of simulated reports for headings in coarse steps: the noise
+model does not hold how aircraft wander about a course."""
 LEAST_SIZE = 6.0
 """Standard deviation per component, m/s, under which a departure is no gross error."""
 
@@ -127,7 +127,7 @@ SHAPE_DOUBT = 0.08
 def reduction_of_gross(
     frame: Frame, residual: Floats, found: EffectEntry, gross: Booleans
 ) -> ClosesEntry:
-    """Closure of gross errors: the length that a normal error of their size adds to other reports."""
+    """Closure of gross errors: the length that normal errors of their size add to other reports."""
     rng = np.random.default_rng(0)
     total, doubt = 0.0, 0.0
     for tail, one in (found.per_tail or {}).items():
