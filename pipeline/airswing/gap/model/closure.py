@@ -105,7 +105,9 @@ def _coefficient_doubt(
         return []
     exact = fitted.exact
     response = exact.response
-    root = np.linalg.cholesky(exact.covariance + 1e-12 * np.eye(len(exact.covariance)))
+    # by rounding, a covariance of nearly collinear columns may have eigenvalues below zero
+    values, vectors = np.linalg.eigh(exact.covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
     terms = range(len(fitted.terms))
     base = [response.linear(k, exact.theta)[::EVERY] for k in terms]
     shifts = [root @ rng.standard_normal(root.shape[1]) for _ in range(COEFFICIENTS)]

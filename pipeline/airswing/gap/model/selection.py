@@ -182,10 +182,7 @@ def contest(
         represented = [t for t in named_terms + likely if t.score > REPRESENTS * best.score]
         if represented:
             best = max(represented, key=lambda t: t.score)
-        elif named_terms and (
-            _names_together(model, terms, named_terms, before) > REPRESENTS * best.score
-            or _with_rest(model, terms, named_terms[0], best, before) > best.score + gate
-        ):
+        elif _names_together(model, terms, named_terms, before) > REPRESENTS * best.score:
             best = named_terms[0]
     best = _without_idle(model, terms, best, before)
     rivals = tuple(
@@ -211,30 +208,6 @@ def _names_together(
         best, prior = float(scores[place]), priors[place]
         chosen.append(left.pop(place))
     return best
-
-
-def _with_rest(
-    model: Model, terms: Sequence[Term], name: Term, table: Term, before: float
-) -> float:
-    """Exact evidence, with log priors, of a name and of a table fitted to the residual without it.
-
-    An effect of some aircraft is part of a table where others have small errors of the same kind.
-    """
-    kappa = model.kappa
-    model.condition([*terms, name])
-    rest = [term for term in screen(model) if term.group is table.group]
-    model.kappa = kappa
-    model.condition(terms)
-    chosen = [[*terms, name, term] for term in rest]
-    return max(
-        (
-            model.evidence(every, kappa)
-            - before
-            + sum(t.group.prior + set_prior(model, t) for t in every[len(terms) :])
-            for every in chosen
-        ),
-        default=-np.inf,
-    )
 
 
 def _without_idle(model: Model, terms: Sequence[Term], term: Term, before: float) -> Term:
