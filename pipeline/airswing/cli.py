@@ -250,7 +250,7 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 def monitor(
     config: ConfigPath, output: Output = None, quiet: Quiet = False, json: Json = False
 ) -> None:
-    """Compare the fleet with its state in the last run: events.json.
+    """List changes of the fleet since the last run: events.json.
 
     Needs the headings and fits.nc. Each event is printed once; `airswing run` does the same.
     """
