@@ -177,11 +177,9 @@ def contest(
     best = scored[0]
     if not best.group.named:
         named_terms = [t for t in scored if t.group.named]
-        # a name represents a table already if, by its noise factor, it is likelier than not
-        likely = [exactly(t) for t in ranked if t.group.named and 0.0 < t.gate <= gate]
-        represented = [t for t in named_terms + likely if t.score > REPRESENTS * best.score]
+        represented = [t for t in named_terms if t.score > REPRESENTS * best.score]
         if represented:
-            best = max(represented, key=lambda t: t.score)
+            best = represented[0]
         elif _names_together(model, terms, named_terms, before) > REPRESENTS * best.score:
             best = named_terms[0]
     best = _without_idle(model, terms, best, before)

@@ -270,7 +270,7 @@ class Model:
             float(x @ y) for x, y in ((z, left), (c, left), (z, of_z), (z, of_c), (c, of_c))
         )
         misfit = np.polynomial.Polynomial([0.0, -2 * zr, zz - 2 * cr, 2 * zc, cc])
-        turns = misfit.deriv().roots()
+        turns = misfit.trim().deriv().roots()
         best = min(turns[np.isreal(turns)].real, key=misfit)
         if misfit(best) > -(zr**2) / zz:
             best = 0.0
