@@ -12,7 +12,6 @@ import pytest
 from airswing.errors import InputError
 from airswing.quantities import lead_condition
 from airswing.reference.catalogue import Catalogue, build_catalogue
-from airswing.reference.grib import header_cache
 from tests.reference.builders import LAMBERT, LATLON, build, write
 
 LEVELS = (300, 500, 700)
@@ -185,21 +184,6 @@ def test_lead_conditions() -> None:
     for text in (">= 1..2 h", ">= . h", ">= 1 fortnight", "=> 1 h", ""):
         with pytest.raises(InputError, match="not understood"):
             lead_condition(text)
-
-
-def test_headers_are_read_once_by_the_same_code(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = write(tmp_path / "x.grib", *profile(), build(LATLON)[:40])
-    first = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
-    assert sorted(os.listdir(tmp_path)) == ["c", "x.grib"], "nothing is written to the data"
-    with monkeypatch.context() as patch:
-        patch.setattr(header_cache.headers, "scan_file", lambda file: pytest.fail("read again"))
-        again = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
-    assert content(again) == content(first) and again.skipped == first.skipped
-    monkeypatch.setattr(header_cache, "code_digest", lambda: "another")
-    build_catalogue(path, name="x", cache_dir=tmp_path / "c")
-    assert len(list((tmp_path / "c" / "grib-headers").iterdir())) == 2
 
 
 def test_a_replaced_file_is_read_again(tmp_path: Path) -> None:

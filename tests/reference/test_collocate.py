@@ -18,7 +18,6 @@ from airswing.reference.grib import values
 from tests.reference.builders import LATLON, build, write
 
 SIZE = 176
-HOUR = np.timedelta64(1, "h")
 START = np.datetime64("2009-08-01T00:00", "ns")
 
 
@@ -202,20 +201,6 @@ def test_a_vanished_and_a_replaced_file_are_counted_gaps(tmp_path: Path) -> None
     (tmp_path / "h03.grib").write_bytes(b"something else")
     got = winds(ds, catalogue)
     np.testing.assert_array_equal(np.isfinite(got.reference_eastward_wind[0]), [0, 0, 0, 0])
-
-
-def test_damaged_octets_are_a_counted_gap(tmp_path: Path) -> None:
-    """The data of one message damaged, the file's size and time as they were."""
-    catalogue = hourly(tmp_path)
-    path = tmp_path / "h02.grib"
-    stamp = path.stat().st_mtime_ns
-    data = bytearray(path.read_bytes())
-    data[: len(data) // 3] = bytes(len(data) // 3)
-    path.write_bytes(data)
-    os.utime(path, ns=(stamp, stamp))
-    got = winds(reports([2.0], pressure=30000.0), catalogue, sparse=False)
-    assert np.isnan(got.reference_eastward_wind).all()
-    assert got.unread_messages.values[0] >= 1
 
 
 def test_reports_without_a_time_or_place_get_no_value(tmp_path: Path) -> None:

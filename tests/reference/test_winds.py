@@ -42,20 +42,6 @@ def model_of(folder: Path, keys: dict[str, Any], fields: dict[int, tuple], **opt
     return build_catalogue(path, name="x", cache_dir=folder / "c").model_time(0)
 
 
-def test_linear_fields_come_back_exactly(tmp_path: Path) -> None:
-    lat, lon = lattice(LATLON)
-    fields = {}
-    for level in (300, 500, 700):
-        lnp = np.log(level * 100.0)
-        fields[level] = (lat - lon + 5 * lnp, 0.5 * lon - 3 * lnp)
-    model = model_of(tmp_path, LATLON, fields)
-    rng = np.random.default_rng(0)
-    at = rng.uniform(40, 60, 200), rng.uniform(5, 35, 200), rng.uniform(30000, 70000, 200)
-    u, v = sample_model_time(model, *at)
-    np.testing.assert_allclose(u, at[0] - at[1] + 5 * np.log(at[2]), atol=1e-5)
-    np.testing.assert_allclose(v, 0.5 * at[1] - 3 * np.log(at[2]), atol=1e-5)
-
-
 def test_nothing_is_extrapolated(tmp_path: Path) -> None:
     flat = np.full(SHAPE, 7.0).ravel()
     model = model_of(tmp_path, LATLON, {300: (flat, flat), 500: (flat, flat)})
@@ -102,17 +88,6 @@ def test_a_westerly_everywhere_is_a_westerly_at_the_reports(
         assert np.ptp(np.degrees(angle)) > 5, "the test grid turns enough to matter"
 
 
-def test_values_do_not_depend_on_company(real: Callable[[str], Path], tmp_path: Path) -> None:
-    path = str(real("grib/wrf_ruc13_g212/2005080712_wrfprs_ruc13_00.tm00_G212"))
-    model = build_catalogue(path, name="x", cache_dir=tmp_path).model_time(0)
-    rng = np.random.default_rng(5)
-    at = rng.uniform(25, 50, 301), rng.uniform(-120, -75, 301), rng.uniform(2e4, 9.5e4, 301)
-    together = sample_model_time(model, *at, derivatives=True)
-    for part in (slice(0, 1), slice(1, 8), slice(8, 301)):
-        alone = sample_model_time(model, *(a[part] for a in at), derivatives=True)
-        np.testing.assert_array_equal(alone, together[:, part])
-
-
 @pytest.mark.parametrize("keys", [LATLON, LAMBERT, ROTATED, POLAR], ids=lambda k: k["gridType"])
 def test_derivatives_are_those_of_the_samples_themselves(
     keys: dict[str, Any], tmp_path: Path
@@ -146,48 +121,6 @@ def test_derivatives_are_those_of_the_samples_themselves(
         model.grids[0].convergence(at[0], at[1])[0] if model.grids[0].wind_along_grid else 0.0
     )
     assert table[8] == expected
-
-
-def hybrid_file(folder: Path, pressures: dict[int, float]) -> str:
-    """GRIB1 hybrid levels: u is ln p, v is the level number; pressure varies along x."""
-    messages = []
-    x = np.arange(176) % 16
-    for number, base in pressures.items():
-        pressure = base * (1 + 0.01 * x)
-        for parameter, values in (
-            (33, np.log(pressure)),
-            (34, np.full(176, number)),
-            (1, pressure),
-        ):
-            message = bytearray(build(LATLON, values, edition=1, bits=24))
-            message[8 + 8], message[8 + 9] = parameter, 109
-            message[8 + 10 : 8 + 12] = number.to_bytes(2, "big")
-            messages.append(bytes(message))
-    return write(folder / "h.grib", *messages)
-
-
-@pytest.mark.parametrize("upwards", [True, False])
-def test_native_levels_are_joined_in_each_column(upwards: bool, tmp_path: Path) -> None:
-    """Linear in ln p in every column of the model, then across the columns."""
-    bases = [30000.0, 45000.0, 60000.0, 90000.0]
-    numbers = [4, 3, 2, 1] if upwards else [1, 2, 3, 4]
-    path = hybrid_file(tmp_path, dict(zip(numbers, bases, strict=True)))
-    model = build_catalogue(path, name="x", cache_dir=tmp_path / "c").model_time(0)
-    lon = np.array([5.0, 9.0, 15.0, 25.0, 5.0, 16.0, 16.0])
-    p = np.array([33000.0, 50000.0, 47500.0, 80000.0, 29000.0, 50000.0, 30000.0 * 1.055])
-    u, v = sample_model_time(model, np.full(7, 50.0), lon, p)
-    np.testing.assert_allclose(u[:4], np.log(p[:4]), atol=1e-4)
-    # above all levels, and above the top level of one of the columns, there is no value
-    np.testing.assert_array_equal(np.isfinite(v), [1, 1, 1, 1, 0, 1, 0])
-
-    def number(factor: float) -> float:
-        """v at 50,000 Pa where levels lie at a multiple of their base."""
-        weight = np.log(50000.0 / (45000.0 * factor)) / np.log(60 / 45)
-        return numbers[1] * (1 - weight) + numbers[2] * weight
-
-    # longitude 9 is the column x = 2; 16 lies half way between x = 5 and x = 6
-    assert v[1] == pytest.approx(number(1.02), abs=1e-4)
-    assert v[5] == pytest.approx((number(1.05) + number(1.06)) / 2, abs=2e-6)
 
 
 CFGRIB = [

@@ -14,7 +14,6 @@ from benchmarks.fuzz.seeds import make_dataset_seeds
 
 import airswing
 from airswing.errors import LONGEST, InputError
-from airswing.handover.forecasts.stations import forecasts_at_stations
 from airswing.reference.catalogue import Catalogue
 from tests.reference.builders import LATLON, build, write
 from tests.reference.gridded.datasets import latlon, projected, winds
@@ -124,9 +123,9 @@ def seeds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return make_dataset_seeds(tmp_path_factory.mktemp("seeds"))
 
 
-def found(path: Path, cache: Path, *, late: bool = False) -> tuple[Catalogue, np.ndarray]:
-    """Catalogue of a file, and u at 40 places on two levels; `late`: 40 days after the winds."""
-    when = np.datetime64("2009-09-16T09:00", "ns") + np.timedelta64(40 if late else 0, "D")
+def found(path: Path, cache: Path) -> tuple[Catalogue, np.ndarray]:
+    """Catalogue of a file, and u at 40 places on two levels."""
+    when = np.datetime64("2009-09-16T09:00", "ns")
     rng = np.random.default_rng(1)
     columns = {"time": np.full(40, when), "latitude": rng.uniform(40.0, 45.0, 40)}
     columns |= {"longitude": rng.uniform(-90.0, -85.0, 40)}
@@ -136,13 +135,10 @@ def found(path: Path, cache: Path, *, late: bool = False) -> tuple[Catalogue, np
     return model, winds(airswing.collocate(reports, {"m": model}))[0]
 
 
-def messages(path: Path) -> list[bytes]:
-    return [b"GRIB" + part for part in path.read_bytes().split(b"GRIB")[1:]]
-
-
 def test_a_section_that_ends_eccodes_costs_its_message(seeds: dict[str, Path], tmp_path: Path):
     _, sound = found(seeds["GRIB2 Gaussian"], tmp_path)
-    parts = messages(seeds["GRIB2 Gaussian"])
+    parts = seeds["GRIB2 Gaussian"].read_bytes().split(b"GRIB")[1:]
+    parts = [b"GRIB" + part for part in parts]
     deadly = bytearray(parts[4])
     deadly[75] = 1  # byte 39 of section 3, the basic angle: ecCodes ends the process
     path = tmp_path / "gaussian.grib"
@@ -151,28 +147,6 @@ def test_a_section_that_ends_eccodes_costs_its_message(seeds: dict[str, Path], t
     assert np.isfinite(sound).all()
     np.testing.assert_array_equal(u, np.where(np.arange(40) < 20, sound, np.nan))
     assert [one["count"] for one in model.skipped if one["what"] == "grid"] == [1]
-
-
-def test_values_of_a_station_forecast_that_no_atmosphere_has(
-    seeds: dict[str, Path], tmp_path: Path
-):
-    import pandas as pd
-
-    stations = pd.DataFrame({"station": ["A"], "latitude": [42.0], "longitude": [-88.0]})
-    parts = messages(seeds["station GRIB"])
-    scale = parts[1].index(b"\x05", 37 + 72 + 34) + 11  # binary scale of section 5
-    lying = parts[1][:scale] + b"\x00\x40" + parts[1][scale + 2 :]
-    path = tmp_path / "stations.grib"
-    path.write_bytes(b"".join([parts[0], lying, *parts[2:4], parts[4][:-30]]))
-    table, skipped = forecasts_at_stations([path], stations)
-    assert set(table["variable"]) == {"air_temperature"}
-    assert set(table["lead"]) == {3.0, 6.0}
-    assert sum(skipped.values()) == 2, skipped
-
-
-@pytest.mark.parametrize("kind", ["gridded NetCDF-4", "zarr", "GRIB2 model levels"])
-def test_model_times_far_from_every_report(kind: str, seeds: dict[str, Path], tmp_path: Path):
-    assert np.isnan(found(seeds[kind], tmp_path, late=True)[1]).all()
 
 
 LIES: list[tuple[str, Callable[[netCDF4.Dataset], object]]] = [

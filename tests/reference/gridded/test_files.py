@@ -11,14 +11,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
+import yaml
+from typer.testing import CliRunner
 
 import airswing
+from airswing import cli
 from airswing.errors import InputError
 from airswing.reference.catalogue import Catalogue, build_catalogue
-from tests.reference.builders import LATLON, build, write
-from tests.reference.gridded.datasets import points, winds
+from tests.reference.builders import GLOBE, LATLON, build, write
+from tests.reference.gridded.datasets import by_hand, points, winds
 from tests.reference.gridded.test_layouts import LAT, LON, P, base, check
 
 SIZE = LATLON["Ni"] * LATLON["Nj"]
@@ -54,12 +58,14 @@ def test_of_two_grids_the_one_around_the_reports_is_used(
             np.testing.assert_allclose(at_first_time(model, chunks=chunks), 7.0)
 
 
-@pytest.mark.parametrize(("surface", "edition"), [(150, 2), (102, 2), (103, 2), (104, 2), (103, 1)])
+@pytest.mark.parametrize(("surface", "edition"), [(150, 2), (102, 2), (103, 2), (104, 2), (109, 1)])
 def test_levels_of_any_type_with_a_pressure(surface: int, edition: int, tmp_path: Path) -> None:
+    """The pressure varies along x; u is ln p in every column and so at every report."""
     messages = []
+    columns = 1 + 0.01 * (np.arange(SIZE) % LATLON["Ni"])
     for number, pressure in enumerate((95000.0, 60000.0, 30000.0), 1):
-        for parameter, value in (("u", np.log(pressure)), ("v", 1.0), ("p", pressure)):
-            values = np.full(SIZE, value) + 1e-3 * np.arange(SIZE)
+        fields = {"u": np.log(pressure * columns), "v": columns, "p": pressure * columns}
+        for parameter, values in fields.items():
             if edition == 2:
                 category, code = {"u": (2, 2), "v": (2, 3), "p": (3, 0)}[parameter]
                 extra = {"parameterCategory": category, "parameterNumber": code}
@@ -73,8 +79,46 @@ def test_levels_of_any_type_with_a_pressure(surface: int, edition: int, tmp_path
                 messages.append(bytes(message))
     model = build_catalogue(write(tmp_path / "x", *messages), name="x", cache_dir=tmp_path)
     u, v = at_first_time(model)
-    np.testing.assert_allclose(u, np.log(P), atol=0.2)
+    np.testing.assert_allclose(u, np.log(P), atol=1e-4)
     assert np.isfinite(v).all()
+
+
+@pytest.mark.parametrize("surface", ["lnsp", "sp"])
+def test_ecmwf_model_levels(surface: str, tmp_path: Path) -> None:
+    """Pressure by the pv section, winds by hand."""
+    rng = np.random.default_rng(21)
+    count = 8
+    half = np.linspace(0.0, 1.0, count + 1)
+    a, b = 15000.0 * half * (1 - half), half**1.3
+    pv = np.concatenate([a, b])
+    u, v = rng.normal(10, 15, (2, count, 19, 36))
+    ps = rng.uniform(85000.0, 102000.0, (19, 36))
+
+    def message(values: np.ndarray, pv: np.ndarray | None = None, **keys: int) -> bytes:
+        return build(GLOBE, values.ravel(), when=(20221111, 0), bits=24, extra=keys, pv=pv)
+
+    messages = [
+        message(field[k], pv, parameterNumber=number, typeOfFirstFixedSurface=105, level=k + 1)
+        for k in range(count)
+        for number, field in ((2, u), (3, v))
+    ]
+    keys = {"parameterCategory": 3, "parameterNumber": 0, "typeOfFirstFixedSurface": 1}
+    if surface == "lnsp":
+        keys |= {"parameterNumber": 25, "typeOfFirstFixedSurface": 105, "level": 1}
+        messages.append(message(np.log(ps), pv, **keys))
+    else:
+        messages.append(message(ps, **keys))
+    path = write(tmp_path / "ml.grib2", *messages)
+    model = build_catalogue(path, name="ifs", cache_dir=tmp_path)
+    assert "cfgrib" in model.notes[0] and "slower" in model.notes[0]
+    lat, lon = rng.uniform(-85, 85, 120), rng.uniform(-180, 180, 120)
+    p = rng.uniform(20000.0, 75000.0, 120)
+    pressure = (a[1:] + a[:-1])[:, None, None] / 2 + (b[1:] + b[:-1])[:, None, None] / 2 * ps
+    expected = by_hand(u, v, pressure, np.mod(lon, 360) / 10, (90 - lat) / 10, p)
+    found = winds(airswing.collocate(points(lat, lon, p), {"ifs": model}))
+    assert np.isfinite(expected[0]).all()
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+    assert not list(tmp_path.glob("*.idx"))
 
 
 def test_keys_for_grib_are_honoured_or_refused_by_name(tmp_path: Path) -> None:
@@ -166,14 +210,6 @@ def test_observations_are_no_model_winds(tmp_path: Path) -> None:
             build_catalogue(str(tmp_path / f"{name}.nc"), name="x")
 
 
-@pytest.mark.parametrize("since", ["-4713-11-24 12:00", "-4712-01-01 12:00"])
-def test_julian_dates_of_a_file(since: str, tmp_path: Path) -> None:
-    units = {"units": f"days since {since}", "calendar": "standard"}
-    ds = base().isel(time=[0]).assign_coords(time=("time", [2459894.5], units))
-    ds.to_netcdf(tmp_path / "x.nc")
-    check(str(tmp_path / "x.nc"))
-
-
 @pytest.mark.parametrize("order", ["ab", "ba"])
 def test_of_two_files_with_other_values_neither_is_used(order: str, tmp_path: Path) -> None:
     for name, change in zip(order, (0.0, 5.0), strict=True):
@@ -236,6 +272,31 @@ def test_files_of_a_web_server_need_no_optional_package(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=r"absent\.nc: cannot be opened.*404"):
             build_catalogue(f"{address}/absent.nc", name="x")
         server.shutdown()
+
+
+def test_winds_alone_at_places_without_reported_winds(tmp_path: Path) -> None:
+    base().to_netcdf(tmp_path / "era5.nc")
+    shown = CliRunner().invoke(cli.app, ["inspect", str(tmp_path / "era5.nc")])
+    assert shown.exit_code == 0 and "6 pressure levels, 200 to 1000 hPa" in shown.output
+    columns = {"tail": list("ABC"), "time": "2022-11-11T00:20Z", "pressure_hPa": 400.0}
+    table = pd.DataFrame(columns | {"latitude": LAT, "longitude": LON})
+    table.to_csv(tmp_path / "reports.csv", index=False)
+    config = {
+        "reports": {"files": str(tmp_path / "reports.csv")},
+        "references": {"era5": {"files": str(tmp_path / "era5.nc")}},
+        "output": str(tmp_path / "results"),
+    }
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(config))
+    refused = CliRunner().invoke(cli.app, ["collocate", str(path)])
+    assert "for model winds alone" in str(refused.exception)
+    unknown = {name: {"value": np.nan} for name in ("wind_direction_deg", "wind_speed_kt")}
+    config["reports"] |= {"columns": unknown}
+    path.write_text(yaml.safe_dump(config))
+    shown = CliRunner().invoke(cli.app, ["collocate", str(path)])
+    assert shown.exit_code == 0 and "only model winds at the reports" in shown.output
+    found = airswing.open_product(tmp_path / "results" / "headings")
+    assert np.isfinite(found["reference_eastward_wind"]).all() and np.isnan(found["heading"]).all()
 
 
 # WRF
