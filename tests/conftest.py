@@ -1,11 +1,8 @@
 """Shared fixtures: real data next to the repository, a small archive, hypothesis profiles."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import shutil
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -37,7 +34,7 @@ LONGEST = (
 """Files whose tests take longest; they begin first, so that no worker waits for them at the end."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Put the longest files first; a worker takes whole files, for the sake of their fixtures."""
     folder = Path(__file__).parent
     places = {folder / name: number for number, name in enumerate(LONGEST)}
@@ -47,10 +44,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def real() -> Callable[[str], Path]:
+def real():
     """Path of a real file by its name below ``../shared/real``; skips by name where absent."""
 
-    def find(name: str) -> Path:
+    def find(name):
         path = REAL / name
         if not path.exists():
             pytest.skip(f"real data absent: ../shared/real/{name}")
@@ -59,7 +56,7 @@ def real() -> Callable[[str], Path]:
     return find
 
 
-def _once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
+def _once(factory, name, make):
     """Folder for all tests of the run, made by the first worker that needs it."""
     shared = factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
@@ -86,10 +83,10 @@ EFFECTS = [
 
 
 @pytest.fixture(scope="session")
-def gap_archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def gap_archive(tmp_path_factory):
     """Configuration of a small archive with `EFFECTS`, whose headings are made."""
 
-    def make(folder: Path) -> None:
+    def make(folder):
         from airswing.workflow import Job, make_headings
 
         coarse = {"columns": 32, "rows": 25, "spacing_km": 57.0, "interval_hours": 2}
@@ -101,11 +98,11 @@ def gap_archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def quickstart_config() -> Callable[..., Path]:
+def quickstart_config():
     """Writes the quickstart's configuration with absolute paths and changed sections."""
     import yaml
 
-    def write(folder: Path, **changes: object) -> Path:
+    def write(folder, **changes):
         content = yaml.safe_load((ROOT / "configs/quickstart.yaml").read_text())
         for section in (content["reports"], *content["references"].values()):
             section["files"] = str(ROOT / section["files"])
@@ -118,9 +115,7 @@ def quickstart_config() -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="session")
-def quickstart(
-    quickstart_config: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+def quickstart(quickstart_config, tmp_path_factory):
     """Output folder of ``airswing run`` on the quickstart."""
     made = _once(
         tmp_path_factory, "quickstart", lambda folder: airswing.run(quickstart_config(folder))
@@ -129,10 +124,10 @@ def quickstart(
 
 
 @pytest.fixture(scope="session")
-def collocated(gap_archive: Path) -> Callable[[Path], Path]:
+def collocated(gap_archive):
     """Copies the headings of `gap_archive` into a folder."""
 
-    def given(folder: Path) -> Path:
+    def given(folder):
         shutil.copytree(gap_archive.parent / "results", folder, dirs_exist_ok=True)
         return folder
 
@@ -140,12 +135,10 @@ def collocated(gap_archive: Path) -> Callable[[Path], Path]:
 
 
 @pytest.fixture(scope="session")
-def gap_product(
-    gap_archive: Path, collocated: Callable[[Path], Path], tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+def gap_product(gap_archive, collocated, tmp_path_factory):
     """Output folder of ``airswing gap`` on `gap_archive`."""
 
-    def make(folder: Path) -> None:
+    def make(folder):
         from airswing.workflow import Job, gap_stage
 
         output = collocated(folder / "out")
@@ -155,21 +148,21 @@ def gap_product(
 
 
 @pytest.fixture
-def names_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def names_only(monkeypatch):
     """Diagnoses without unknown effects, which take most of their time."""
     from airswing.gap import diagnose as stages
 
     fit_model = stages.fit_model
 
-    def without_tables(*args: object, **options: object) -> object:
-        return fit_model(*args, **{**options, "tables": False})  # type: ignore[arg-type]
+    def without_tables(*args, **options):
+        return fit_model(*args, **{**options, "tables": False})
 
     monkeypatch.setattr(stages, "fit_model", without_tables)
     monkeypatch.setattr(stages, "slices", lambda *_: [])
 
 
 @pytest.fixture
-def no_gap_page(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_gap_page(monkeypatch):
     """``airswing gap`` without its page, which takes a fifth of its time."""
     monkeypatch.setattr(
         "airswing.workflow.gap_stage.write_gap_page", lambda folder, **_: folder / "index.html"
@@ -177,10 +170,10 @@ def no_gap_page(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def blank_cards() -> Iterator[None]:
+def blank_cards():
     """Swing cards are an empty file; to draw them takes longer than the rest of a small run."""
 
-    def blank(fits: object, headings: object, path: Path, **_: object) -> int:
+    def blank(fits, headings, path, **_):
         Path(path).touch()
         return 0
 
@@ -190,6 +183,6 @@ def blank_cards() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def root() -> Path:
+def root():
     """Top of the repository."""
     return ROOT

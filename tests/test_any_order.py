@@ -37,7 +37,7 @@ PRODUCTS = ("headings/*.nc", "fits.nc", "corrected/*.nc")
 
 
 @pytest.fixture(scope="module")
-def inputs(tmp_path_factory) -> Path:
+def inputs(tmp_path_factory):
     """Reports by day and model files of four days at the end of March."""
     folder = tmp_path_factory.mktemp("inputs")
     start = datetime(2009, 3, 30)
@@ -50,7 +50,7 @@ def inputs(tmp_path_factory) -> Path:
     return folder
 
 
-def contents(folder: Path) -> dict[str, xr.Dataset]:
+def contents(folder):
     """All products that every report or aircraft has, in memory."""
     paths = [path for pattern in PRODUCTS for path in sorted(folder.glob(pattern))]
     return {str(path.relative_to(folder)): xr.load_dataset(path) for path in paths}
@@ -78,7 +78,7 @@ class AnyOrder(RuleBasedStateMachine):
         self.config = self.work / "config.yaml"
         self.config.write_text(yaml.safe_dump(config))
 
-    def day(self, number: int) -> Path:
+    def day(self, number):
         days = sorted((self.inputs / "reports").iterdir())
         return self.work / "reports" / days[number % len(days)].name
 
@@ -150,7 +150,7 @@ class AnyOrder(RuleBasedStateMachine):
                 )
 
 
-def check(inputs: Path, work: Path, *, examples: int, steps: int) -> None:
+def check(inputs, work, *, examples, steps):
     AnyOrder.inputs, AnyOrder.work = inputs, work
     run_state_machine_as_test(
         AnyOrder,

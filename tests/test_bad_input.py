@@ -4,8 +4,6 @@ Each case runs ``airswing.cli.main`` in this process on a small archive of its o
 but the exit is a defect and fails the test.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
@@ -14,7 +12,6 @@ import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,7 +28,7 @@ Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 @pytest.fixture(scope="module")
-def archive(tmp_path_factory) -> Path:
+def archive(tmp_path_factory):
     """Reports and two sets of model files, and the products of one run over them."""
     folder = tmp_path_factory.mktemp("archive")
     place = perfect.PLACES["ruc_grib1"]
@@ -44,8 +41,8 @@ def archive(tmp_path_factory) -> Path:
     return folder
 
 
-def configure(archive: Path, folder: Path, **changes: Any) -> Path:
-    content: dict[str, Any] = {
+def configure(archive, folder, **changes):
+    content = {
         "reports": {"files": str(archive / "r.csv")},
         "references": {"model": {"files": str(archive / "model/*")}},
         "output": str(folder / "out"),
@@ -55,7 +52,7 @@ def configure(archive: Path, folder: Path, **changes: Any) -> Path:
     return path
 
 
-def call(*words: object) -> int:
+def call(*words):
     """Run the command here; its exit status."""
     before, sys.argv = sys.argv, ["airswing", *map(str, words)]
     try:
@@ -67,7 +64,7 @@ def call(*words: object) -> int:
     return 0
 
 
-def refused(capsys, *words: object, says: tuple[str, ...]) -> None:
+def refused(capsys, *words, says):
     """One message, with these words, status 2 and nothing half-written."""
     capsys.readouterr()
     assert call(*words) == 2
@@ -81,19 +78,19 @@ def refused(capsys, *words: object, says: tuple[str, ...]) -> None:
     assert not [*folder.rglob("*.part")]
 
 
-def with_products(archive: Path, folder: Path) -> dict[str, str]:
+def with_products(archive, folder):
     shutil.copytree(archive / "out", folder / "out")
     return digests(folder / "out")
 
 
-def digests(folder: Path) -> dict[str, str]:
+def digests(folder):
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in folder.rglob("*.nc")
     }
 
 
-TABLES: dict[str, tuple[Change, tuple[str, ...]]] = {
+TABLES = {
     "missing column": (
         lambda t: t.drop(columns="wind_speed_kt"),
         ("r.csv", "wind_speed_kt", "required column is missing", "reports.columns"),
@@ -148,7 +145,7 @@ def test_reports_that_cannot_be_used(archive, tmp_path, capsys, name):
     assert after == before
 
 
-CONFIGURATIONS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
+CONFIGURATIONS = {
     "wrong unit": (
         {"reports": {"files": "r.csv", "columns": {"ff": {"name": "wind_speed_kt", "unit": "kg"}}}},
         ("reports.columns.ff", "kg", "m/s"),
@@ -171,7 +168,7 @@ def test_configurations_that_cannot_be_used(archive, tmp_path, capsys, monkeypat
     refused(capsys, "run", configure(archive, tmp_path, **changes), says=says)
 
 
-def spoiled(archive: Path, folder: Path, spoil: Callable[[Path], Any]) -> Path:
+def spoiled(archive, folder, spoil):
     shutil.copytree(archive / "model", folder / "model")
     spoil(folder / "model")
     return configure(archive, folder, references={"model": {"files": str(folder / "model/*")}})
@@ -264,7 +261,7 @@ def test_effects_that_cannot_be_simulated(archive, tmp_path, capsys, text, says)
     assert not (tmp_path / "s.csv").exists()
 
 
-def run_on_a_small_disk(config: Path, message: Path) -> None:
+def run_on_a_small_disk(config, message):
     """Run where no file may grow as long as a month of headings is."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
     sys.argv = ["airswing", "run", str(config)]

@@ -4,8 +4,6 @@
 dask-jobqueue makes of it, the worker processes and the run are the real ones.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

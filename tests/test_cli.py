@@ -1,27 +1,24 @@
 """The command line: exit statuses, one message for bad input, results on standard output."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from airswing import __version__, cli
 
 
-def process(*words: object, folder: Path) -> subprocess.CompletedProcess:
+def process(*words, folder):
     """Run the command in a process of its own."""
     command = [sys.executable, "-m", "airswing", *map(str, words)]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=240)
 
 
-def airswing(*words: object, folder: Path) -> subprocess.CompletedProcess:
+def airswing(*words, folder):
     """Run the command here: what a process of its own would add is that it takes its time."""
     out, err, status = io.StringIO(), io.StringIO(), 0
     with (
@@ -84,7 +81,7 @@ def test_stages_one_by_one_and_the_json_summary(blank_cards, quickstart_config, 
     assert json.loads(done.stdout)["pairs"][0]["references"] == ["ruc", "rtfdaa"]
 
 
-def _heed_interrupts() -> None:
+def _heed_interrupts():
     """A shell's background jobs, and all they start, ignore interrupts unless set otherwise."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 

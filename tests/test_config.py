@@ -1,11 +1,8 @@
 """Configuration, quantities and messages: defaults, units, one clear line for each fault."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from datetime import datetime
-from pathlib import Path
 
 import pytest
 import yaml
@@ -21,7 +18,7 @@ SMALLEST = {
 }
 
 
-def write(folder: Path, content: dict) -> Path:
+def write(folder, content):
     path = folder / "config.yaml"
     path.write_text(yaml.safe_dump(content, sort_keys=False))
     return path
@@ -182,7 +179,7 @@ def test_numbers_that_are_no_time_are_refused(written):
     ],
     ids=range(9),
 )
-def test_messages_are_short_lines(value: object):
+def test_messages_are_short_lines(value):
     error = InputError(
         str(shortened(value)), file=value, field="f" * 9000, found=value, remedy="r" * 999
     )

@@ -5,16 +5,9 @@ of ``tests/perfect.py``. The fixes' resolution is the only source of error, so t
 hundredths of a degree; a wrong sign, rotation or date costs tenths.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 import yaml
 
 from airswing import workflow
@@ -23,7 +16,7 @@ from tests import perfect
 pytestmark = pytest.mark.usefixtures("blank_cards")
 
 
-def fitted(folder: Path, table: pd.DataFrame, **reports: Any) -> xr.Dataset:
+def fitted(folder, table, **reports):
     """Fits of the archive in a folder that has its model files."""
     perfect.write_reports(table, folder / "reports" / "r.csv")
     content = {
@@ -38,7 +31,7 @@ def fitted(folder: Path, table: pd.DataFrame, **reports: Any) -> xr.Dataset:
     return workflow.make_fits(job, headings)
 
 
-def assert_found(fits: xr.Dataset, tolerance: float, names: Callable[[str], str] = str) -> None:
+def assert_found(fits, tolerance, names=str):
     for tail in fits["aircraft"].to_numpy():
         found = fits["deviation"].sel(reference="model", aircraft=tail).to_numpy()
         wanted = [*perfect.DEVIATIONS[names(str(tail))], 0.0, 0.0]
@@ -89,7 +82,7 @@ def test_deviations_come_back_however_the_files_are_laid_out(tmp_path, name, opt
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory) -> tuple[Path, pd.DataFrame]:
+def flown(tmp_path_factory):
     """A model across the antimeridian, and reports of flights through it."""
     folder = tmp_path_factory.mktemp("alaska")
     place = perfect.PLACES["alaska_minus180"]
@@ -97,19 +90,19 @@ def flown(tmp_path_factory) -> tuple[Path, pd.DataFrame]:
     return folder, perfect.fly(place)
 
 
-def tenth_of_a_minute(table: pd.DataFrame) -> pd.DataFrame:
+def tenth_of_a_minute(table):
     rounded = {name: (table[name] * 600).round() / 600 for name in ("latitude", "longitude")}
     return table.assign(**rounded)
 
 
-def pressures(table: pd.DataFrame) -> pd.DataFrame:
+def pressures(table):
     feet = table["pressure_altitude_ft"].to_numpy()
     return table.drop(columns="pressure_altitude_ft").assign(
         pressure_hPa=perfect.pressure_of(feet) / 100
     )
 
 
-def whole_units(table: pd.DataFrame) -> pd.DataFrame:
+def whole_units(table):
     names = ("wind_direction_deg", "wind_speed_kt")
     return table.assign(**{name: table[name].round() for name in names})
 

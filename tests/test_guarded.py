@@ -35,13 +35,13 @@ def test_a_call_that_does_not_return_ends():
         guarded(_forever)
 
 
-def _forever() -> None:
+def _forever():
     module.signal.alarm(1)
     time.sleep(60)
 
 
 def test_one_threads_fault_does_not_disturb_another():
-    def work(number: int) -> int:
+    def work(number):
         if number % 4 == 0:
             with pytest.raises(WorkerEndedError):
                 guarded(os.abort)
@@ -77,7 +77,7 @@ def test_workers_end_with_a_process_that_is_killed(tmp_path):
     raise AssertionError("the worker outlived its parent")
 
 
-def _is_running(process: int) -> bool:
+def _is_running(process):
     try:
         with open(f"/proc/{process}/stat") as file:
             return file.read().split(")")[-1].split()[0] != "Z"

@@ -1,24 +1,20 @@
 """Damaged files give a result or one message: some that once ended a run, and drawn ones."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import os
 import time
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 from benchmarks.fuzz.__main__ import COLUMNS, LONG, SHARES, as_text, campaign, drawn
 
 from airswing.config_file import load_config
 from airswing.errors import LONGEST, ConfigError, InputError
 from airswing.gap.simulation.effects_file import read_effects
-from airswing.reference.catalogue import Catalogue, build_catalogue
+from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import collocate
 from airswing.reference.grib.headers import scan_file
 from airswing.reports import read_reports
@@ -28,10 +24,10 @@ HOSTILE = Path(__file__).resolve().parents[2] / "shared" / "hostile"
 
 
 @pytest.fixture(scope="session")
-def hostile() -> Callable[[str], Path]:
+def hostile():
     """Path of a file below ``../shared/hostile``; skips by name where absent."""
 
-    def find(name: str) -> Path:
+    def find(name):
         path = HOSTILE / name
         if not path.exists():
             pytest.skip(f"hostile data absent: ../shared/hostile/{name}")
@@ -40,7 +36,7 @@ def hostile() -> Callable[[str], Path]:
     return find
 
 
-def winds(catalogue: Catalogue, reports: Path, *, sparse: bool = True) -> xr.Dataset:
+def winds(catalogue, reports, *, sparse=True):
     """Reference winds at a file's reports, with what could not be read."""
     ds = read_reports(reports)
     return collocate(ds, {"ref": catalogue}, sparse=sparse, account=True).compute(
@@ -48,15 +44,15 @@ def winds(catalogue: Catalogue, reports: Path, *, sparse: bool = True) -> xr.Dat
     )
 
 
-def problems(found: xr.Dataset) -> list[str]:
+def problems(found):
     return [reason for _, _, reason in found["problems"].item()]
 
 
-def catalogue_of(path: Path, folder: Path) -> Catalogue:
+def catalogue_of(path, folder):
     return build_catalogue(str(path), name="ref", cache_dir=folder)
 
 
-def test_complex_packing_whose_groups_do_not_add_up(hostile, tmp_path: Path):
+def test_complex_packing_whose_groups_do_not_add_up(hostile, tmp_path):
     catalogue = catalogue_of(hostile("crash_grib_a_49"), tmp_path)
     found = winds(catalogue, hostile("g2_complex_spatial_differencing.csv"))
     (problem,) = problems(found)
@@ -80,7 +76,7 @@ def test_complex_packing_whose_groups_do_not_add_up(hostile, tmp_path: Path):
         ),
     ],
 )
-def test_messages_of_wrong_lengths_are_skipped(hostile, tmp_path: Path, model, reports, reasons):
+def test_messages_of_wrong_lengths_are_skipped(hostile, tmp_path, model, reports, reasons):
     catalogue = catalogue_of(hostile(model), tmp_path)
     skipped = {entry["reason"]: entry["count"] for entry in catalogue.skipped}
     assert skipped.items() >= reasons.items()
@@ -101,13 +97,13 @@ def test_a_message_is_skipped_or_used_never_both(hostile, name, reason):
     assert inspect_file(hostile(name))["packings"] == {"GRIB2 simple": 5}
 
 
-def test_a_png_stream_of_another_depth(hostile, tmp_path: Path):
+def test_a_png_stream_of_another_depth(hostile, tmp_path):
     with pytest.raises(InputError, match=r"damaged: 128 bits a value \(6\)"):
         catalogue_of(hostile("crash_grib_a_497"), tmp_path)
 
 
 @pytest.mark.parametrize("sparse", [True, False])
-def test_second_order_packing_with_a_section_that_lies(hostile, tmp_path: Path, sparse: bool):
+def test_second_order_packing_with_a_section_that_lies(hostile, tmp_path, sparse):
     catalogue = catalogue_of(hostile("crash_grib_a_865"), tmp_path)
     found = winds(catalogue, hostile("g1_ll_second.csv"), sparse=sparse)
     speed = np.hypot(found["reference_eastward_wind"], found["reference_northward_wind"])
@@ -128,7 +124,7 @@ def test_a_count_of_records_that_the_file_cannot_hold(hostile):
         ("hdg.csv", {"reported_heading_wrapped": 14}),
     ],
 )
-def test_repairs_of_reports_are_counted(hostile, name: str, repaired: dict[str, int]):
+def test_repairs_of_reports_are_counted(hostile, name, repaired):
     audit = json.loads(read_reports(hostile(name)).attrs["reading_audit"])
     assert audit["repaired"].items() >= repaired.items()
 
@@ -141,7 +137,7 @@ def test_repairs_of_reports_are_counted(hostile, name: str, repaired: dict[str, 
         ("deep.yaml", "nested too deeply"),
     ],
 )
-def test_yaml_that_is_none(hostile, name: str, says: str):
+def test_yaml_that_is_none(hostile, name, says):
     with pytest.raises(ConfigError, match=says) as caught:
         load_config(hostile(name))
     assert len(str(caught.value)) <= LONGEST
@@ -164,7 +160,7 @@ def test_yaml_that_is_none(hostile, name: str, says: str):
         "*b",
     ],
 )
-def test_values_of_yaml_that_are_none(value: str, tmp_path: Path):
+def test_values_of_yaml_that_are_none(value, tmp_path):
     path = tmp_path / "c.yaml"
     path.write_text(f"reports: {{files: a.csv}}\nreferences: {value}\noutput: {value}\n")
     with pytest.raises(ConfigError) as caught:
@@ -176,7 +172,7 @@ def test_values_of_yaml_that_are_none(value: str, tmp_path: Path):
         read_effects(path)
 
 
-def test_damaged_gzip_files_are_one_message(tmp_path: Path):
+def test_damaged_gzip_files_are_one_message(tmp_path):
     """Every byte after the header changed in turn: also those that zlib alone refuses."""
     path = tmp_path / "r.csv.gz"
     content = gzip.compress(b"tail,time,latitude\n" + b"N1,2009-01-01T00:00:00Z,40.5\n" * 40)
@@ -193,12 +189,12 @@ QUICK = {kind: share for kind, share in SHARES.items() if kind not in LONG}
 
 
 @pytest.fixture
-def own_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+def own_cache(monkeypatch):
     monkeypatch.setitem(os.environ, "AIRSWING_CACHE", os.environ.get("AIRSWING_CACHE", ""))
 
 
 @pytest.mark.parametrize("count", [150, pytest.param(500, marks=pytest.mark.slow)])
-def test_damaged_files_give_a_result_or_one_message(own_cache, tmp_path: Path, count: int):
+def test_damaged_files_give_a_result_or_one_message(own_cache, tmp_path, count):
     """The same cases on every machine, with a few of those that take long."""
     few = [(kind, 11_000_000 + n) for kind in sorted(LONG) for n in range(2)][:-1]  # one command
     cases = drawn(count - len(few), 11, QUICK) + few

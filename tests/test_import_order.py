@@ -4,8 +4,6 @@ Some builds of eccodes bundle a libproj that clashes with pyproj's; where the
 pins let one in, these end with a signal instead of status 0.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 
@@ -30,14 +28,14 @@ ORDERS = {
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_both_orders_work_and_end_well(order: str) -> None:
+def test_both_orders_work_and_end_well(order):
     done = subprocess.run(
         [sys.executable, "-c", ORDERS[order] + WORK], capture_output=True, text=True, timeout=120
     )
     assert done.returncode == 0, (done.returncode, done.stderr[-2000:])
 
 
-def test_airswing_brings_pyproj_before_eccodes() -> None:
+def test_airswing_brings_pyproj_before_eccodes():
     code = "import sys, airswing; print('pyproj' in sys.modules, 'eccodes' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout.split() == ["True", "False"]

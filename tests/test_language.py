@@ -4,8 +4,6 @@ The words below are not wrong English, but this package has used them in a priva
 message of a failure names the plain expression.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -39,7 +37,7 @@ CONTRACT = (
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_standard_terms(path: Path):
+def test_standard_terms(path):
     text = re.sub(CONTRACT, "", path.read_text(encoding="utf-8"))
     found = {
         f"line {text.count(chr(10), 0, match.start()) + 1}: {match[0]} ({plain})"

@@ -37,12 +37,12 @@ INNER = [
 ]
 
 
-def folder_of(path: Path) -> str:
+def folder_of(path):
     parts = path.relative_to(PACKAGE).parts
     return parts[0] if len(parts) > 1 else "."
 
 
-def imported(path: Path) -> set[Path]:
+def imported(path):
     """Modules of the package that a module imports, wherever the import statement is."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text())):
@@ -61,7 +61,7 @@ def test_every_folder_has_a_place_in_the_order():
 
 
 @pytest.mark.parametrize("path", INNER, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_imports_come_from_the_same_folder_or_an_earlier_one(path: Path):
+def test_imports_come_from_the_same_folder_or_an_earlier_one(path):
     place = ORDER.index(folder_of(path))
     later = [
         str(other.relative_to(PACKAGE))

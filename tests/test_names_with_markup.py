@@ -1,11 +1,8 @@
 """Names that hold markup are escaped; nothing is written outside the output and the cache."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import matplotlib
 import pandas as pd
@@ -19,7 +16,7 @@ REFERENCE = "<b onclick=alert(3)>ruc</b>"
 FILE = "a<i>b & c.csv"
 
 
-def files_below(folder: Path) -> dict[str, tuple[int, int]]:
+def files_below(folder):
     """Every file with its size and time."""
     return {
         str(path.relative_to(folder)): (path.stat().st_size, path.stat().st_mtime_ns)
@@ -29,7 +26,7 @@ def files_below(folder: Path) -> dict[str, tuple[int, int]]:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> tuple[Path, dict[str, tuple[int, int]]]:
+def run(tmp_path_factory):
     """A run over names of markup, with all files next to its output noted."""
     top = tmp_path_factory.mktemp("markup")
     data, here, home = top / "data", top / "here", top / "home"
@@ -73,7 +70,7 @@ def run(tmp_path_factory) -> tuple[Path, dict[str, tuple[int, int]]]:
     return top, before
 
 
-def test_the_page_escapes_what_names_hold(run) -> None:
+def test_the_page_escapes_what_names_hold(run):
     top, _ = run
     pages = sorted((top / "out").rglob("*.html"))
     assert pages
@@ -86,7 +83,7 @@ def test_the_page_escapes_what_names_hold(run) -> None:
     assert "&lt;script&gt;alert" in said
 
 
-def test_nothing_is_written_outside_the_output_and_the_cache(run) -> None:
+def test_nothing_is_written_outside_the_output_and_the_cache(run):
     top, before = run
     after = files_below(top)
     outside = {

@@ -4,15 +4,12 @@ The examples of the docstrings use the products of the quickstart: ``reports``, 
 ``fits`` and ``corrected``, and an output folder ``folder``.
 """
 
-from __future__ import annotations
-
 import doctest
 import inspect
 import re
 import shutil
 import subprocess
 import sys
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,7 +26,7 @@ NAMES = [
 
 
 @pytest.fixture(scope="module")
-def products(tmp_path_factory, quickstart, root) -> dict[str, Any]:
+def products(tmp_path_factory, quickstart, root):
     """What the examples use."""
     folder = tmp_path_factory.mktemp("examples") / "results"
     shutil.copytree(quickstart, folder)
@@ -49,7 +46,7 @@ def test_examples_give_what_they_state(name, products, root, monkeypatch):
     text = inspect.getdoc(getattr(airswing, name)) or ""
     example = doctest.DocTestParser().get_doctest(text, dict(products), name, None, None)
     assert example.examples and "+SKIP" not in text
-    messages: list[str] = []
+    messages = []
     runner = doctest.DocTestRunner()
     assert runner.run(example, out=messages.append).failed == 0, "".join(messages)
 

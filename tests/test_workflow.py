@@ -1,7 +1,5 @@
 """The whole job on the shipped sample: it finds the truth, and its products keep the contract."""
 
-from __future__ import annotations
-
 import json
 
 import netCDF4
@@ -51,7 +49,7 @@ NAMES = {
 
 
 @pytest.fixture(scope="module")
-def truth(root) -> dict:
+def truth(root):
     return json.loads((root / "data_samples/truth/truth.json").read_text())["aircraft"]
 
 

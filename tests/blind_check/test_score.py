@@ -1,7 +1,5 @@
 """Scores against hand-worked values: names, aircraft, parameters, dates, closures."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 

@@ -1,7 +1,5 @@
 """Tables of the units and corrected winds: interpolation, signs, rounding, errors, CSV file."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Joint estimate of deviations and reference error: exact matrices, large fleets, regions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,7 +10,6 @@ from airswing.compass.fleet.field import Blocks
 from airswing.compass.fleet.information import Reference
 from airswing.compass.fleet.solution import (
     Equations,
-    FleetFit,
     Iterated,
     Written,
     solve_fleet,
@@ -25,15 +22,7 @@ FREE = np.ones((AIRCRAFT, 6), dtype=bool)
 FREE[2, 3:5] = False
 
 
-def fleet_blocks(
-    aircraft: int,
-    days: int,
-    seed: int,
-    *,
-    field: float = 0.5,
-    middle: float = -87.0,
-    reach: tuple[float, float] = (5.0, 3.5),
-) -> list[Blocks]:
+def fleet_blocks(aircraft, days, seed, *, field=0.5, middle=-87.0, reach=(5.0, 3.5)):
     """Blocks in a field of waves, two a piece and a piece a segment, east and north of a middle."""
     segments = 40_000 + np.repeat(np.arange(4 * days), 2)
     n = segments.size
@@ -66,7 +55,7 @@ def fleet_blocks(
     return found
 
 
-def dense(one: Reference) -> tuple[np.ndarray, np.ndarray]:
+def dense(one):
     """Newton matrix and score of one reference, from the covariance of its blocks' means."""
     stretch, variances = one.some.stretch, one.variances
     size, blocks = AIRCRAFT * 6 + one.size, stretch.weight.size
@@ -88,7 +77,7 @@ def dense(one: Reference) -> tuple[np.ndarray, np.ndarray]:
     return newton, score
 
 
-def spread_of(fit: FleetFit) -> np.ndarray:
+def spread_of(fit):
     return np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
 
 
@@ -150,7 +139,7 @@ def test_the_date_line_changes_nothing_in_a_field_of_regions(monkeypatch):
     assert here.regions == 9
 
 
-def errors(seed: int, **options) -> tuple[np.ndarray, np.ndarray]:
+def errors(seed, **options):
     """Errors and standard errors of A, B, C where days of model error dominate."""
     setting = Setting(aircraft=8, days=25, day_error=2.5, flight_error=0.5, noise=1.0)
     deviation = fleet_deviations(8, np.random.default_rng(seed), two_cycles=0.0)

@@ -1,11 +1,5 @@
 """Headings of archives flown with a known compass error, of real aircraft, and lazy."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import dask
 import numpy as np
 import pandas as pd
@@ -36,21 +30,13 @@ WIND = (18.0, -7.0)
 TENTH_MINUTE = 0.1 / 60.0
 
 
-def deviation(magnetic: np.ndarray) -> np.ndarray:
+def deviation(magnetic):
     """A compass error of some degrees, in degrees, of a magnetic heading in degrees."""
     angle = np.radians(magnetic)
     return 1.5 + 3.0 * np.sin(angle) - 2.0 * np.cos(angle)
 
 
-def flown(
-    *,
-    flights: int = 16,
-    fixes: int = 9,
-    aircraft: int = 2,
-    airspeed_scale: float = 1.0,
-    position: float = 0.0,
-    tick: float = 0.0,
-) -> xr.Dataset:
+def flown(*, flights=16, fixes=9, aircraft=2, airspeed_scale=1.0, position=0.0, tick=0.0):
     """Reports of aircraft along geodesics in a steady wind, their compass with a deviation.
 
     The attribute ``truth`` holds the exact values.
@@ -73,7 +59,7 @@ def flown(
     unit_heading, unit_airspeed = heading + true_error, airspeed * airspeed_scale
     wind = wind_from_triangle(*ground, unit_airspeed, np.radians(unit_heading))
 
-    def coded(values: np.ndarray, step: float, how: Any = np.round) -> np.ndarray:
+    def coded(values, step, how=np.round):
         return values if step == 0.0 else how(values / step) * step
 
     seen = coded(since, tick, np.floor)
@@ -109,7 +95,7 @@ def flown(
     )
 
 
-def model(reports: xr.Dataset, *, noise: float = 0.0, names: tuple[str, ...] = ("ruc",)) -> Any:
+def model(reports, *, noise=0.0, names=("ruc",)):
     """The true wind plus noise, as collocated winds."""
     rng = np.random.default_rng(9)
     shape = (len(names), reports.sizes["report"])
@@ -124,34 +110,34 @@ def model(reports: xr.Dataset, *, noise: float = 0.0, names: tuple[str, ...] = (
     )
 
 
-def with_reported(reports: xr.Dataset, heading: np.ndarray, airspeed: np.ndarray) -> xr.Dataset:
+def with_reported(reports, heading, airspeed):
     return reports.assign(
         reported_heading=("report", np.mod(heading, 360.0)),
         reported_airspeed=("report", airspeed),
     )
 
 
-def from_reported(found: xr.Dataset) -> int:
+def from_reported(found):
     """Number of reports whose ground vector is that of the reported heading and airspeed."""
     return int((found["ground_vector_source"] == GROUND_VECTOR_SOURCE["reported"]).sum())
 
 
-def uses(found: xr.Dataset) -> list[str]:
+def uses(found):
     """Use of the reported heading, aircraft by aircraft."""
     words = {value: name for name, value in REPORTED_HEADING_USE.items()}
     return [words[int(code)] for code in found["reported_heading_use"]]
 
 
-def off(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def off(found, expected):
     """Signed difference of angles in degrees."""
     return np.degrees(wrap_signed(np.radians(np.asarray(found, float) - expected)))
 
 
-def rms(values: np.ndarray) -> float:
+def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def test_the_compass_error_flown_is_the_heading_error_found() -> None:
+def test_the_compass_error_flown_is_the_heading_error_found():
     reports = flown(airspeed_scale=1.02)
     truth = reports.attrs["truth"]
     found = derive_headings(reports, model(reports))
@@ -172,7 +158,7 @@ def test_the_compass_error_flown_is_the_heading_error_found() -> None:
     assert len(set(np.floor(truth["heading"] / 45.0))) == 8, "all eight octants were flown"
 
 
-def test_missing_winds_of_one_reference_leave_the_other() -> None:
+def test_missing_winds_of_one_reference_leave_the_other():
     reports = flown(flights=3)
     winds = model(reports, names=("ruc", "rtfdaa"))
     winds.reference_eastward_wind[0, 5] = np.nan
@@ -183,7 +169,7 @@ def test_missing_winds_of_one_reference_leave_the_other() -> None:
 
 
 @pytest.mark.parametrize(("position", "tick"), [(TENTH_MINUTE, 1.0), (0.01, 60.0)])
-def test_the_standard_error_is_the_error(position: float, tick: float) -> None:
+def test_the_standard_error_is_the_error(position, tick):
     reports = flown(flights=60, position=position, tick=tick)
     found = derive_headings(reports, model(reports), acceleration_density=0.0)
     miss = found.heading_error[0].values - reports.attrs["truth"]["error"]
@@ -192,7 +178,7 @@ def test_the_standard_error_is_the_error(position: float, tick: float) -> None:
     assert rms(miss) < 0.3, "an error of the ground vector nearly cancels"
 
 
-def test_reported_heading_and_airspeed_are_used_where_they_agree() -> None:
+def test_reported_heading_and_airspeed_are_used_where_they_agree():
     reports = flown(position=0.01, tick=60.0)
     truth = reports.attrs["truth"]
     reported = with_reported(reports, np.round(truth["unit_heading"]), truth["unit_airspeed"])
@@ -211,7 +197,7 @@ def test_reported_heading_and_airspeed_are_used_where_they_agree() -> None:
     ("column", "reason"),
     [("track", "heading_is_track"), ("magnetic", "heading_differs"), ("cas", "airspeed_differs")],
 )
-def test_a_column_of_another_quantity_is_not_used(column: str, reason: str) -> None:
+def test_a_column_of_another_quantity_is_not_used(column, reason):
     reports = flown(position=TENTH_MINUTE, tick=1.0)
     truth = reports.attrs["truth"]
     heading, airspeed = truth["unit_heading"].copy(), truth["unit_airspeed"].copy()
@@ -228,7 +214,7 @@ def test_a_column_of_another_quantity_is_not_used(column: str, reason: str) -> N
     np.testing.assert_allclose(found.heading_error[0].values, truth["error"], atol=0.6)
 
 
-def test_too_few_reports_or_one_wild_one() -> None:
+def test_too_few_reports_or_one_wild_one():
     for reports, use in ((flown(flights=2, fixes=8), "too_few"), (flown(), "used")):
         truth = reports.attrs["truth"]
         heading, airspeed = truth["unit_heading"].copy(), truth["unit_airspeed"].copy()
@@ -240,7 +226,7 @@ def test_too_few_reports_or_one_wild_one() -> None:
     np.testing.assert_allclose(found.heading_error[0], truth["error"], atol=3e-3)
 
 
-def test_inconsistent_input_is_refused() -> None:
+def test_inconsistent_input_is_refused():
     reports = flown(flights=2)
     with pytest.raises(InputError, match="flight"):
         derive_headings(reports.drop_vars("flight"), model(reports))
@@ -254,7 +240,7 @@ def test_inconsistent_input_is_refused() -> None:
     assert derive_headings(none, model(none)).heading_error.shape == (1, 0)
 
 
-def test_a_research_aircraft_from_its_fixes_and_wind_alone(real: Callable[[str], Path]) -> None:
+def test_a_research_aircraft_from_its_fixes_and_wind_alone(real):
     """Derived heading and airspeed against those its instruments recorded."""
     with xr.open_dataset(real("heading/ncar_gv_20131001.nc"), engine="netcdf4") as ds:
         gv = ds.load().isel(Time=slice(0, None, 20))
@@ -289,7 +275,7 @@ def refuse(*_, **__):
     raise AssertionError("something was computed")
 
 
-def stages(reports: xr.Dataset, winds: xr.Dataset) -> list[xr.Dataset]:
+def stages(reports, winds):
     """Every stage on what the stage before returned."""
     headings = screen(derive_headings(reports, winds))
     headings = mark_corrected_units(

@@ -1,9 +1,6 @@
 """Each usual mistake is named, also by a run, and sound archives are not suspected."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +29,7 @@ Function = Callable[[np.ndarray], np.ndarray]
 Change = Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]
 
 
-def archive(change: Change = dict, *, temperature: bool = True) -> xr.Dataset:
+def archive(change=dict, *, temperature=True):
     """Headings of made flights at all levels in winds of 20 m/s, with errors of 2 m/s."""
     rng = np.random.default_rng(7)
     size = AIRCRAFT * FLIGHTS * REPORTS
@@ -71,14 +68,7 @@ def archive(change: Change = dict, *, temperature: bool = True) -> xr.Dataset:
     return headings(seconds, *winds, columns, tuple("ABCD"))
 
 
-def headings(
-    seconds: np.ndarray,
-    wind: np.ndarray,
-    reference: np.ndarray,
-    ground: np.ndarray,
-    columns: dict[str, np.ndarray],
-    aircraft: tuple[str, ...],
-) -> xr.Dataset:
+def headings(seconds, wind, reference, ground, columns, aircraft):
     """Dataset of aircraft with equal numbers of reports; vectors are complex, east + i north."""
     columns = columns | {
         "time": np.datetime64("2009-01-05", "ns") + (seconds * 1e9).astype("m8[ns]"),
@@ -98,23 +88,21 @@ def headings(
     )
 
 
-def polar(wind: np.ndarray) -> dict[str, np.ndarray]:
+def polar(wind):
     """Speed and direction of a complex wind."""
     direction = np.degrees(np.arctan2(-wind.real, -wind.imag)) % 360.0
     return {"speed": np.abs(wind), "direction": direction}
 
 
-def speed_and_direction(fields: dict[str, np.ndarray]) -> np.ndarray:
+def speed_and_direction(fields):
     turn = np.radians(fields["direction"])
     return -fields["speed"] * (np.sin(turn) + 1j * np.cos(turn))
 
 
-def triangle(
-    heading: Function = np.asarray, track: Function = np.asarray, ground: float = 1.0
-) -> Change:
+def triangle(heading=np.asarray, track=np.asarray, ground=1.0):
     """Winds derived from headings, airspeeds and ground vectors with a mistake in one of them."""
 
-    def change(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def change(fields):
         reported = heading(fields["reported_heading"])
         moved = track(np.degrees(np.pi / 2 - np.angle(fields["ground"])) % 360.0)
         wind = ground * np.abs(fields["ground"]) * np.exp(1j * np.radians(90 - moved))
@@ -126,21 +114,21 @@ def triangle(
     return change
 
 
-def scaled(name: str, factor: float) -> Change:
+def scaled(name, factor):
     return lambda fields: {name: factor * fields[name]}
 
 
-def turned(function: Function) -> Change:
+def turned(function):
     return lambda fields: {"direction": function(fields["direction"])}
 
 
-def celsius(function: Function) -> Change:
+def celsius(function):
     return lambda fields: {
         "air_temperature": ZERO_CELSIUS + function(fields["air_temperature"] - ZERO_CELSIUS)
     }
 
 
-def indicated(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def indicated(fields):
     altitude = fields["pressure_altitude"]
     density = pressure_from_altitude(altitude) / standard_temperature(altitude) * 288.15 / 101325.0
     return {"reported_airspeed": fields["reported_airspeed"] * np.sqrt(density)}
@@ -175,7 +163,7 @@ def test_sound_reports_are_plausible():
         (scaled("ground", KNOT), "ground_speed", "values in m/s read as kt"),
     ],
 )
-def test_each_mistake_is_named_for_the_whole_fleet(change: Change, quantity: str, likely: str):
+def test_each_mistake_is_named_for_the_whole_fleet(change, quantity, likely):
     (finding,) = plausibility(archive(change))
     assert (finding.quantity, finding.share) == (quantity, 1.0)
     assert likely in finding.likely
@@ -183,7 +171,7 @@ def test_each_mistake_is_named_for_the_whole_fleet(change: Change, quantity: str
 
 
 def test_metres_for_feet_and_metres_per_second_for_knots_are_named_together():
-    def change(fields: dict[str, np.ndarray], factor: float = KNOT) -> dict[str, np.ndarray]:
+    def change(fields, factor=KNOT):
         # the reference is that of the reported level
         low = (8.0 + 2e-3 * FOOT * fields["pressure_altitude"]) / (
             8.0 + 2e-3 * fields["pressure_altitude"]
@@ -216,7 +204,7 @@ def test_without_temperatures_the_speed_at_the_level_shows_metres_under_feet():
 
 
 def test_one_aircraft_of_a_fleet_and_aircraft_with_few_reports():
-    def change(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def change(fields):
         first = np.arange(fields["speed"].size) < FLIGHTS * REPORTS
         return {"speed": np.where(first, KNOT, 1.0) * fields["speed"]}
 
@@ -234,9 +222,7 @@ def test_one_aircraft_of_a_fleet_and_aircraft_with_few_reports():
     [(14.0, "headings taken for true are magnetic"), (-14.0, "taken for magnetic are true")],
 )
 @pytest.mark.parametrize("aircraft", [4, 1])
-def test_headings_of_the_other_kind_are_named_and_not_refused(
-    turn: float, likely: str, aircraft: int
-):
+def test_headings_of_the_other_kind_are_named_and_not_refused(turn, likely, aircraft):
     made = archive(lambda fields: {"reported_heading": (fields["reported_heading"] + turn) % 360})
     some = made.isel(aircraft=slice(aircraft), report=slice(aircraft * FLIGHTS * REPORTS))
     (finding,) = plausibility(some)
@@ -248,7 +234,7 @@ def test_headings_of_the_other_kind_are_named_and_not_refused(
 @pytest.mark.parametrize(
     ("sign", "expected"), [(-1.0, "magnetic_for_true"), (1.0, "true_for_magnetic"), (0.0, "")]
 )
-def test_offsets_equal_to_the_declination_are_recognised(sign: float, expected: str):
+def test_offsets_equal_to_the_declination_are_recognised(sign, expected):
     rng = np.random.default_rng(4)
     for _ in range(50):
         declination = rng.uniform(-14, -7) + rng.normal(0, 1, 8)
@@ -276,13 +262,13 @@ def test_fits_whose_offsets_are_the_declination_have_a_warning():
 
 
 @pytest.mark.parametrize(("ahead", "said"), [(0.0, ""), (-5.0, "later"), (7.0, "earlier")])
-def test_clocks_of_another_time_zone(ahead: float, said: str):
+def test_clocks_of_another_time_zone(ahead, said):
     """Flights on one route every three hours for 20 days, in weather that changes within a day."""
     rng = np.random.default_rng(2)
     hours = np.repeat(np.arange(160) * 3.0, 10) + np.tile(np.arange(10) / 30.0, 160)
     phase = np.cumsum(rng.normal(0.0, 0.1, 5000))
 
-    def weather(hour: np.ndarray) -> np.ndarray:
+    def weather(hour):
         return 15.0 * np.exp(1j * np.interp(hour + 50.0, np.arange(5000) / 5.0, phase))
 
     reference = weather(hours)
@@ -317,8 +303,8 @@ def test_the_status_and_the_sentence():
 
 @pytest.mark.parametrize("amplitude", [25.0, 30.0])
 @pytest.mark.parametrize("strength", [1.0, 0.3])
-def test_a_large_deviation_and_weak_winds_are_no_wrong_unit(amplitude: float, strength: float):
-    def deviated(fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def test_a_large_deviation_and_weak_winds_are_no_wrong_unit(amplitude, strength):
+    def deviated(fields):
         wind = strength * speed_and_direction(fields)
         air = fields["ground"] - wind
         heading = np.pi / 2 - np.angle(air)
@@ -348,7 +334,7 @@ def test_values_that_were_impossible_on_reading():
         pytest.param("reports/amdar_20090123_europe.bufr", marks=pytest.mark.slow),
     ],
 )
-def test_no_false_alarm_on_real_reports(real: Callable[[str], Path], name: str):
+def test_no_false_alarm_on_real_reports(real, name):
     reports = read_reports(real(name))
     winds = collocate(reports, {"fleet": fleet_wind(reports)})
     assert plausibility(derive_headings(reports, winds)) == []

@@ -1,9 +1,5 @@
 """Screening: one report for each rule, the policies, the limits and the audit."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,7 +8,7 @@ from airswing.compass.screening import audit, mark_corrected_units, screen
 from airswing.errors import ConfigError
 from airswing.flags import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC
 
-GOOD: dict[str, Any] = {
+GOOD = {
     "phase": PHASE["cruise"],
     "roll_flag": ROLL["good"],
     "temperature_qc": TEMPERATURE_QC["pass"],
@@ -24,7 +20,7 @@ GOOD: dict[str, Any] = {
     "eastward_wind": 10.0,
     "northward_wind": -4.0,
 }
-WORST: dict[str, dict[str, Any]] = {  # what breaks each rule and nothing else
+WORST = {  # what breaks each rule and nothing else
     "phase": {"phase": PHASE["ascent"]},
     "roll": {"roll_flag": ROLL["bad"]},
     "temperature_qc": {"temperature_qc": TEMPERATURE_QC["fail"]},
@@ -38,7 +34,7 @@ WORST: dict[str, dict[str, Any]] = {  # what breaks each rule and nothing else
 }
 
 
-def made(*changes: dict[str, Any], row_size: tuple[int, ...] | None = None) -> xr.Dataset:
+def made(*changes, row_size=None):
     """HEADINGS with one good report for each dict of changes."""
     reports = [{**GOOD, **change} for change in changes]
     columns = {name: ("report", np.array([r[name] for r in reports])) for name in GOOD}
@@ -56,11 +52,11 @@ def made(*changes: dict[str, Any], row_size: tuple[int, ...] | None = None) -> x
     return xr.Dataset(columns, coords={"reference": ["ruc", "rtfdaa"], "aircraft": names})
 
 
-def bits(ds: xr.Dataset, **options: Any) -> list[int]:
+def bits(ds, **options):
     return list(screen(ds, **options).screening.values)
 
 
-def test_every_rule_has_its_bit_and_only_its_bit() -> None:
+def test_every_rule_has_its_bit_and_only_its_bit():
     # The field test's bit is set by mark_corrected_units, not by a rule of screen.
     assert [*WORST, "field_test"] == list(SCREENING)
     found = bits(made({}, *WORST.values()))
@@ -79,7 +75,7 @@ def test_every_rule_has_its_bit_and_only_its_bit() -> None:
         ("wind_qc", WIND_QC, "ignore", []),
     ],
 )
-def test_policies_of_flags(name: str, codes: dict, policy: str, rejected: list[str]) -> None:
+def test_policies_of_flags(name, codes, policy, rejected):
     rule = name.removesuffix("_flag")
     found = bits(made(*({name: code} for code in codes.values())), **{rule: policy})
     assert found == [SCREENING[rule] if word in rejected else 0 for word in codes]
@@ -89,7 +85,7 @@ def test_policies_of_flags(name: str, codes: dict, policy: str, rejected: list[s
         bits(absent, **{rule: f"require_{rule}"})
 
 
-def test_phases_and_absent_ground_vectors() -> None:
+def test_phases_and_absent_ground_vectors():
     ds = made(*({"phase": code} for code in PHASE.values()))
     assert np.flatnonzero(np.array(bits(ds, phases=["ascent", "descent"])) == 0).tolist() == [1, 3]
     with pytest.raises(ConfigError, match=r"screening.phases.*cruising"):
@@ -100,7 +96,7 @@ def test_phases_and_absent_ground_vectors() -> None:
     assert attrs["flag_meanings"].split() == list(SCREENING)
 
 
-def test_limits_are_limits() -> None:
+def test_limits_are_limits():
     turns = made(*({"turn": turn} for turn in (9.99, -9.99, 10.01, np.nan)))
     assert [bit > 0 for bit in bits(turns)] == [False, False, True, False]
     turns = made({"turn": 5.0})
@@ -112,7 +108,7 @@ def test_limits_are_limits() -> None:
     assert bits(coarse) == [0] and bits(coarse, max_ground_velocity_error=0.1) != [0]
 
 
-def test_gross_errors_only() -> None:
+def test_gross_errors_only():
     away = {"reference_northward_wind": (60.0, -4.0)}  # the other agrees: it would bend one fit
     assert bits(made(away)) == [SCREENING["gross_error"]]
     assert bits(made({"reference_northward_wind": (np.nan, -4.0)})) == [0]
@@ -127,7 +123,7 @@ def test_gross_errors_only() -> None:
     assert bits(made({**jet, "airspeed": 100.0})) == [SCREENING["gross_error"]]
 
 
-def test_the_audit() -> None:
+def test_the_audit():
     ds = made(
         {},
         WORST["turn"],

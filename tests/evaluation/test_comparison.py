@@ -1,7 +1,5 @@
 """Comparison: equal references are poolable, a biased one is not; intervals cover."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The field test: its arithmetic, its intervals, and what it refuses."""
 
-from __future__ import annotations
-
 from datetime import date
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Expected gain by hand, the ranking, and gains realised on reports that were held out."""
 
-from __future__ import annotations
-
 from datetime import date
 
 import numpy as np
@@ -174,7 +172,7 @@ def ranked():
     return ds, fits, rank_aircraft(ds, fits, pools={"ruc": ["ruc"]}, reference="ruc")
 
 
-def by_hand(spread_deg: float) -> tuple[float, float, np.ndarray]:
+def by_hand(spread_deg):
     """Four headings, calm reference, exact unit 10 degrees off at every heading, 100 m/s."""
     heading = np.radians([0.0, 90.0, 180.0, 270.0])
     shown = np.radians(10.0)

@@ -1,7 +1,5 @@
 """Innovations: values worked by hand, error profiles and statistics that agree with numpy's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

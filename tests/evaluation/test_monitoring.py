@@ -1,7 +1,5 @@
 """Changes of compasses: stated, dated and sized; states and events of a fleet, reported once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -45,7 +43,7 @@ CHANGE = np.zeros((3, 5))
 CHANGE[1, 0] = 2.0
 
 
-def days(text: str) -> int:
+def days(text):
     return int((np.datetime64(text) - ORIGIN).astype(int))
 
 

@@ -1,7 +1,5 @@
 """Bootstrap over days, clustered means and the permutation test against plain computations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

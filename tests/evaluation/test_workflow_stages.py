@@ -1,7 +1,5 @@
 """The evaluation's stages on products, and every configuration that is shipped."""
 
-from __future__ import annotations
-
 import csv
 import json
 from datetime import date
@@ -68,7 +66,7 @@ def test_the_cases_of_the_paper_are_there(name):
 
 
 def test_windows_before_the_first_month_made_anew_keep_their_fits(job, headings, fits):
-    def night(made: list[str], kept: list[str]) -> dict:
+    def night(made, kept):
         months = json.dumps({"made": made, "kept": kept})
         return stages.make_stability(job, headings.assign_attrs(months=months), fits)
 

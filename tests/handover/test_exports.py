@@ -5,8 +5,6 @@ time, the antimeridian, midnight at the end of the year, winds above 80 hPa, and
 impossible values. A failed export ends in one message and status 2, with nothing half-written.
 """
 
-from __future__ import annotations
-
 import json
 import resource
 from collections import Counter

@@ -1,10 +1,7 @@
 """Reject list, error table and JEDI tables; errors of single reports by leg, layer and aircraft."""
 
-from __future__ import annotations
-
 import csv
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -339,7 +336,7 @@ KNOWN = np.array(
 BY_AIRCRAFT = {"N1": (np.nan, np.nan), "N2": (6.0, 1.3), "N3": (1.0, 0.0), "N9": (9.0, 9.0)}
 
 
-def write_known(folder: Path, *missing: str, known: np.ndarray = KNOWN) -> None:
+def write_known(folder, *missing, known=KNOWN):
     ds = xr.Dataset(
         {
             "observation_error_filled": (("state", "flight_phase", "layer"), known),
@@ -357,7 +354,7 @@ def write_known(folder: Path, *missing: str, known: np.ndarray = KNOWN) -> None:
     write_product(shuffled.drop_vars(missing), folder / "observation_errors.nc", title="test")
 
 
-def errors_of(folder: Path, ds: xr.Dataset, **choices: object) -> list[float]:
+def errors_of(folder, ds, **choices):
     write_product(ds, folder / "corrected.nc", title="test")
     result = airswing.export(
         folder / "corrected.nc", to="ob_ascii", path=folder / "f", overwrite=True, **choices

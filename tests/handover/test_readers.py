@@ -4,12 +4,8 @@ The golden files are what WRF 4.7's in4dob, OBSPROC and WRFDA's reader made of r
 purpose, some of them faulty; without them next to the repository the tests are skipped.
 """
 
-from __future__ import annotations
-
 import json
 from datetime import datetime
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,21 +18,19 @@ GOLDEN = ROOT.parent / "shared" / "handover"
 NOON = datetime(2008, 7, 15, 12)
 
 
-def golden(name: str) -> Path:
+def golden(name):
     path = GOLDEN / name
     if not path.exists():
         pytest.skip(f"golden file absent: ../shared/handover/{name}")
     return path
 
 
-def records(name: str, kind: str) -> list[dict[str, Any]]:
+def records(name, kind):
     lines = golden(name).read_text().splitlines()
     return [record for record in map(json.loads, lines) if record["record"] == kind]
 
 
-def assert_same(
-    found: dict[str, Any], golden_records: dict[str, Any], *, close: float = 1e-6
-) -> None:
+def assert_same(found, golden_records, *, close=1e-6):
     for name, value in golden_records.items():
         if name in ("record", "n", "lev"):
             continue

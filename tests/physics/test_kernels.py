@@ -1,7 +1,5 @@
 """Kernels by hand, by round trip, and against pyproj, scipy, MetPy, IGRF and printed tables."""
 
-from __future__ import annotations
-
 from datetime import datetime
 
 import numpy as np
@@ -35,7 +33,7 @@ VECTORS = np.array([[0, H, 1, H, 0, -H, -1, -H], [1, H, 0, -H, -1, -H, 0, H]])
 """Unit vectors (east, north) of the eight compass points."""
 
 
-def test_eight_compass_points() -> None:
+def test_eight_compass_points():
     vectors = triangle.vector_from_bearing(100.0, np.radians(POINTS))
     np.testing.assert_allclose(vectors, 100.0 * VECTORS, atol=1e-12)
     np.testing.assert_allclose(np.degrees(triangle.bearing(*VECTORS)), POINTS, atol=1e-12)
@@ -49,7 +47,7 @@ def test_eight_compass_points() -> None:
 
 
 @given(st.floats(-4.0, 7.5), angles)
-def test_compass_error_comes_back_with_its_sign(error: float, heading: float) -> None:
+def test_compass_error_comes_back_with_its_sign(error, heading):
     wind = (-12.0, 9.0)
     ground = np.add(triangle.vector_from_bearing(130.0, heading), wind)
     reported = triangle.wind_from_triangle(*ground, 130.0, heading + np.radians(error))
@@ -60,7 +58,7 @@ def test_compass_error_comes_back_with_its_sign(error: float, heading: float) ->
     assert triangle.airspeed_error(*used, *implied) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_triangle_worked_by_hand() -> None:
+def test_triangle_worked_by_hand():
     # heading 090 at 100 m/s true, wind from 360 at 20 m/s (blows south): the aircraft
     # makes 100 east and 20 south, a track of atan2(100, -20) = 101.3099 degrees at 101.980
     wind = triangle.wind_components(20.0, 0.0)
@@ -80,7 +78,7 @@ def test_triangle_worked_by_hand() -> None:
     assert along == pytest.approx(0.0152305, abs=1e-6)
 
 
-def test_wraps_by_hand() -> None:
+def test_wraps_by_hand():
     degrees = np.array([-540.0, -180.0, -179.0, 0.0, 180.0, 181.0, 360.0, 540.0])
     expected = np.array([180.0, 180.0, -179.0, 0.0, 180.0, -179.0, 0.0, 180.0])
     np.testing.assert_allclose(
@@ -94,13 +92,13 @@ def test_wraps_by_hand() -> None:
     assert triangle.heading_error(-0.0, -1.0, 0.0, 1.0) == np.pi
 
 
-def test_single_precision_is_kept() -> None:
+def test_single_precision_is_kept():
     assert triangle.wrap_degrees(np.float32([190.0])).dtype == np.float32
     found = triangle.direction_in_degrees(np.float32([-1.0]), np.float32([0.0]))
     assert found.dtype == np.float32 and found.tolist() == [90.0]
 
 
-def test_calm_and_unknown_winds_have_no_direction() -> None:
+def test_calm_and_unknown_winds_have_no_direction():
     speed, direction = triangle.wind_from_direction(0.0, 0.0)
     assert speed == 0.0 and np.isnan(direction)
     assert np.isnan(triangle.bearing(0.0, 0.0))
@@ -111,7 +109,7 @@ def test_calm_and_unknown_winds_have_no_direction() -> None:
 
 
 @given(angles)
-def test_wraps_stay_in_range_and_keep_the_angle(angle: float) -> None:
+def test_wraps_stay_in_range_and_keep_the_angle(angle):
     signed, positive = triangle.wrap_signed(angle), triangle.wrap_positive(angle)
     assert -np.pi < signed <= np.pi
     assert 0.0 <= positive < 2 * np.pi
@@ -121,7 +119,7 @@ def test_wraps_stay_in_range_and_keep_the_angle(angle: float) -> None:
 
 
 @given(speeds, angles, angles)
-def test_along_cross_round_trip_and_length(speed: float, direction: float, heading: float) -> None:
+def test_along_cross_round_trip_and_length(speed, direction, heading):
     vector = triangle.vector_from_bearing(speed, direction)
     along, cross = triangle.along_cross(*vector, heading)
     assert np.hypot(along, cross) == pytest.approx(speed)
@@ -132,7 +130,7 @@ def test_along_cross_round_trip_and_length(speed: float, direction: float, headi
     np.testing.assert_allclose(right, (0.0, 1.0), atol=1e-12)
 
 
-def test_printed_standard() -> None:
+def test_printed_standard():
     # ICAO Doc 7488/3 tables, geopotential altitude in m against hPa
     altitude = [0.0, 1000.0, 5000.0, 11000.0, 12000.0, 15000.0, 20000.0]
     pressure = [1013.25, 898.746, 540.199, 226.321, 193.304, 120.446, 54.7489]
@@ -143,7 +141,7 @@ def test_printed_standard() -> None:
     )
 
 
-def test_metpy_agrees_below_the_tropopause() -> None:
+def test_metpy_agrees_below_the_tropopause():
     calc = pytest.importorskip("metpy.calc")
     units = pytest.importorskip("metpy.units").units
     altitude = np.linspace(-300.0, 10900.0, 57)
@@ -156,12 +154,12 @@ def test_metpy_agrees_below_the_tropopause() -> None:
 
 
 @given(st.floats(-4000.0, 20000.0))
-def test_round_trip(altitude: float) -> None:
+def test_round_trip(altitude):
     back = altitude_from_pressure(pressure_from_altitude(altitude))
     assert back == pytest.approx(altitude, abs=1e-6)
 
 
-def test_values_without_physical_meaning_give_nan() -> None:
+def test_values_without_physical_meaning_give_nan():
     found = altitude_from_pressure(np.array([0.0, -5.0, np.nan, 50000.0]))
     assert np.isnan(found[:3]).all() and np.isfinite(found[3])
     assert np.isnan(pressure_from_altitude(np.nan))
@@ -195,7 +193,7 @@ ppigrf = pytest.importorskip("ppigrf")
 MID_2009 = float(np.datetime64("2009-07-01", "s").astype(np.int64))
 
 
-def field_at(latitude, longitude, height=3000.0, seconds=MID_2009) -> GeomagneticField:
+def field_at(latitude, longitude, height=3000.0, seconds=MID_2009):
     return geomagnetic_field(latitude, longitude, height, seconds)
 
 
@@ -208,9 +206,7 @@ def field_at(latitude, longitude, height=3000.0, seconds=MID_2009) -> Geomagneti
         (15.0, -60.0, -180.0, 180.0),
     ],
 )
-def test_declination_within_a_hundredth_of_a_degree_of_igrf(
-    north: float, south: float, west: float, east: float
-) -> None:
+def test_declination_within_a_hundredth_of_a_degree_of_igrf(north, south, west, east):
     rng = np.random.default_rng(7)
     latitude, longitude = rng.uniform(south, north, 300), rng.uniform(west, east, 300)
     height = rng.uniform(-200.0, 13500.0, 300)
@@ -227,7 +223,7 @@ def test_declination_within_a_hundredth_of_a_degree_of_igrf(
         assert np.degrees(np.abs(found.dip - np.arctan2(-up, horizontal))).max() < 0.01
 
 
-def test_one_reports_field_does_not_depend_on_the_others() -> None:
+def test_one_reports_field_does_not_depend_on_the_others():
     rng = np.random.default_rng(11)
     size = 70_001  # more than two blocks, and no multiple of one
     # from pole to pole across the 180th meridian and two five-year intervals
@@ -245,7 +241,7 @@ def test_one_reports_field_does_not_depend_on_the_others() -> None:
     np.testing.assert_allclose(other.declination, whole.declination, atol=1e-9)
 
 
-def test_unknown_places_and_times_outside_the_epochs_have_no_field() -> None:
+def test_unknown_places_and_times_outside_the_epochs_have_no_field():
     latitude = np.array([np.nan, 45.0, 45.0, 91.0, 45.0])
     longitude = np.array([10.0, np.nan, 10.0, 10.0, 10.0])
     seconds = np.array([MID_2009, MID_2009, np.nan, MID_2009, 3.0e9])

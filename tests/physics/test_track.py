@@ -1,14 +1,10 @@
 """Ground vectors of paths flown exactly, then rounded; stated against actual errors."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 from pyproj import Geod
 
-from airswing.physics.track import GroundTrack, ground_track
+from airswing.physics.track import ground_track
 from airswing.physics.triangle import along_cross, bearing
 
 GEOD = Geod(ellps="WGS84")
@@ -16,9 +12,7 @@ KNOT = 1852.0 / 3600.0
 TENTH_MINUTE = 0.1 / 60.0
 
 
-def straight(
-    latitude: float, longitude: float, azimuth: float, speed: float, seconds: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def straight(latitude, longitude, azimuth, speed, seconds):
     """Fixes along one geodesic, and the azimuth at each, in degrees."""
     size = seconds.size
     lon, lat, back = GEOD.fwd(
@@ -27,7 +21,7 @@ def straight(
     return np.asarray(lat), np.asarray(lon), np.mod(np.asarray(back) + 180.0, 360.0)
 
 
-def tracked(lat: Any, lon: Any, seconds: Any, **options: Any) -> GroundTrack:
+def tracked(lat, lon, seconds, **options):
     given = {"position_step": 0.0, "time_step": 0.0, **options}
     altitude = given.pop("altitude", np.zeros(np.shape(lat)))
     flight = given.pop("flight", np.zeros(np.shape(lat), dtype=int))
@@ -35,7 +29,7 @@ def tracked(lat: Any, lon: Any, seconds: Any, **options: Any) -> GroundTrack:
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 45.0, 90.0, 180.0, 270.0])
-def test_a_geodesic_flown_steadily_gives_its_azimuth_at_every_fix(azimuth: float) -> None:
+def test_a_geodesic_flown_steadily_gives_its_azimuth_at_every_fix(azimuth):
     # those to the east cross the antimeridian
     seconds = np.array([0.0, 165.0, 330.0, 400.0, 700.0])
     lat, lon, expected = straight(45.0, 179.9, azimuth + 1e-9, 128.6, seconds)
@@ -50,7 +44,7 @@ def test_a_geodesic_flown_steadily_gives_its_azimuth_at_every_fix(azimuth: float
     assert np.isnan(found.turn[[0, -1]]).all()
 
 
-def test_speeding_up_is_centred_at_the_report_with_unequal_legs() -> None:
+def test_speeding_up_is_centred_at_the_report_with_unequal_legs():
     # along a meridian at 100 + 0.1 t: chords of 100 s and 200 s
     seconds = np.array([0.0, 100.0, 300.0])
     path = 100.0 * seconds + 0.05 * seconds**2
@@ -63,7 +57,7 @@ def test_speeding_up_is_centred_at_the_report_with_unequal_legs() -> None:
     np.testing.assert_allclose(found.climb_rate, 2.0)
 
 
-def test_a_turn_its_sign_and_its_bank() -> None:
+def test_a_turn_its_sign_and_its_bank():
     # a circle to the right: 3 degrees in 30 s at 120 m/s
     rate, speed = np.radians(0.1), 120.0
     angle = rate * np.arange(9) * 30.0
@@ -86,7 +80,7 @@ def test_a_turn_its_sign_and_its_bank() -> None:
     np.testing.assert_allclose(left.bank[inner], -found.bank[inner], atol=1e-9)
 
 
-def test_flights_do_not_touch_and_a_lone_report_has_no_value() -> None:
+def test_flights_do_not_touch_and_a_lone_report_has_no_value():
     seconds = np.array([0.0, 165.0, 330.0, 400.0, 0.0, 165.0])
     lat, lon, _ = straight(45.0, -93.0, 70.0, 130.0, seconds)
     flight = np.array([4, 4, 4, 9, 2, 2])
@@ -98,7 +92,7 @@ def test_flights_do_not_touch_and_a_lone_report_has_no_value() -> None:
     np.testing.assert_array_equal(found.eastward[4:], alone.eastward)
 
 
-def test_no_time_no_velocity_and_broken_chords() -> None:
+def test_no_time_no_velocity_and_broken_chords():
     seconds = np.array([0.0, 165.0, 165.0, 330.0, 495.0, 660.0, 4000.0, 4165.0])
     lat, lon, _ = straight(45.0, -93.0, 70.0, 130.0, seconds)
     found = tracked(lat, lon, seconds, widen=False)
@@ -117,13 +111,11 @@ def test_no_time_no_velocity_and_broken_chords() -> None:
     assert np.isnan(tracked(lat, lon, bad).northward[3])
 
 
-def rms(values: np.ndarray) -> float:
+def rms(values):
     return float(np.sqrt(np.mean(values**2)))
 
 
-def rounded_flights(
-    leg: float, *, position: float, tick: float, density: float
-) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
+def rounded_flights(leg, *, position, tick, density):
     """Flights whose velocity is a random walk, rounded; and the velocity at each fix.
 
     All on the equator near the origin of a tangent plane, where the plane is true to 1e-4.
@@ -160,9 +152,7 @@ def rounded_flights(
         (420.0, 0.01, 60.0, 0.65),
     ],
 )
-def test_stated_errors_are_the_actual_ones_and_widening_lowers_them(
-    leg: float, position: float, tick: float, gain: float
-) -> None:
+def test_stated_errors_are_the_actual_ones_and_widening_lowers_them(leg, position, tick, gain):
     density = 0.011
     arguments, east, north = rounded_flights(leg, position=position, tick=tick, density=density)
     steps = {"position_step": position, "time_step": tick}
@@ -182,7 +172,7 @@ def test_stated_errors_are_the_actual_ones_and_widening_lowers_them(
     assert abs(np.mean(miss[0][centred])) < 0.35, "and the bias of rounded times is gone"
 
 
-def test_no_window_reaches_over_a_turn() -> None:
+def test_no_window_reaches_over_a_turn():
     size = 21
     seconds = np.arange(size) * 20.0
     along = 130.0 * seconds

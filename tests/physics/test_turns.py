@@ -1,7 +1,5 @@
 """Headings and bank near turns against flights whose heading is known at every second."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

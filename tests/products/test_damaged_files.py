@@ -1,9 +1,6 @@
 """Damaged NetCDF files are refused before their library reads them."""
 
-from __future__ import annotations
-
 import struct
-from pathlib import Path
 
 import netCDF4
 import numpy as np
@@ -13,8 +10,8 @@ from airswing.errors import InputError
 from airswing.products.damaged_netcdf import require_sound, written_here
 
 
-def written(path: Path, kind: str, records: int = 7) -> Path:
-    with netCDF4.Dataset(path, "w", format=kind) as file:  # type: ignore[arg-type]
+def written(path, kind, records=7):
+    with netCDF4.Dataset(path, "w", format=kind) as file:
         file.createDimension("time", None)
         file.createDimension("x", 5)
         file.title = "three words"
@@ -25,7 +22,7 @@ def written(path: Path, kind: str, records: int = 7) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"])
-def test_a_count_of_records_that_is_not_there_is_refused(kind: str, tmp_path: Path):
+def test_a_count_of_records_that_is_not_there_is_refused(kind, tmp_path):
     require_sound(written(tmp_path / "b.nc", kind, records=0))
     path = written(tmp_path / "a.nc", kind)
     require_sound(path)
@@ -37,7 +34,7 @@ def test_a_count_of_records_that_is_not_there_is_refused(kind: str, tmp_path: Pa
         require_sound(path)
 
 
-def test_every_cut_of_a_header_is_refused(tmp_path: Path):
+def test_every_cut_of_a_header_is_refused(tmp_path):
     path = written(tmp_path / "a.nc", "NETCDF3_CLASSIC")
     data = path.read_bytes()
     for length in range(4, 200, 7):
@@ -46,7 +43,7 @@ def test_every_cut_of_a_header_is_refused(tmp_path: Path):
             require_sound(path)
 
 
-def test_a_cut_hdf5_file_is_refused_and_one_this_process_wrote_is_not_opened(tmp_path: Path):
+def test_a_cut_hdf5_file_is_refused_and_one_this_process_wrote_is_not_opened(tmp_path):
     path = written(tmp_path / "a.nc", "NETCDF4")
     require_sound(path)
     path.write_bytes(path.read_bytes()[:2000])

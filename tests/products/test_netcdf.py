@@ -1,7 +1,5 @@
 """Products: whole or absent, described, and the same when read back."""
 
-from __future__ import annotations
-
 import resource
 import signal
 
@@ -18,7 +16,7 @@ from airswing.vocabulary import lookup
 
 
 @pytest.fixture
-def reports() -> xr.Dataset:
+def reports():
     return xr.Dataset(
         {
             "row_size": ("aircraft", [2, 1]),

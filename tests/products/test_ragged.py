@@ -1,7 +1,5 @@
 """Ragged arrays: the reports of each aircraft."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

@@ -1,13 +1,10 @@
 """Files: fingerprints, errors for a pattern that names no file, results with a short ``repr``."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle
 import shutil
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -31,7 +28,7 @@ def test_findings_are_a_dict_with_a_line_a_key_and_none_of_them_long():
     assert pickle.loads(pickle.dumps(found)) == found
 
 
-def test_a_file_counts_by_size_and_time(tmp_path: Path):
+def test_a_file_counts_by_size_and_time(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("one")
     before = fingerprint(file_identities([str(path)]))
@@ -40,7 +37,7 @@ def test_a_file_counts_by_size_and_time(tmp_path: Path):
     assert fingerprint(file_identities([str(path)])) != before
 
 
-def test_a_zarr_store_counts_by_its_chunks_and_other_folders_do_not(tmp_path: Path):
+def test_a_zarr_store_counts_by_its_chunks_and_other_folders_do_not(tmp_path):
     store = tmp_path / "winds.zarr"
     (store / "u").mkdir(parents=True)
     (store / "u" / "0.0").write_bytes(b"chunk")
@@ -53,7 +50,7 @@ def test_a_zarr_store_counts_by_its_chunks_and_other_folders_do_not(tmp_path: Pa
 
 
 @pytest.fixture
-def closed() -> Iterator[Path]:
+def closed():
     """A folder of one file that this process, were it root or not, may neither list nor enter."""
     above = Path(tempfile.mkdtemp())  # pytest's folders are closed to other users
     above.chmod(0o755)

@@ -1,9 +1,6 @@
 """Choosing profiles, pairing u with v, caching, and saying what was left out."""
 
-from __future__ import annotations
-
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +8,13 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.quantities import lead_condition
-from airswing.reference.catalogue import Catalogue, build_catalogue
+from airswing.reference.catalogue import build_catalogue
 from tests.reference.builders import LAMBERT, LATLON, build, write
 
 LEVELS = (300, 500, 700)
 
 
-def profile(levels=LEVELS, *, keys=LATLON, parameters="uv", **options) -> list[bytes]:
+def profile(levels=LEVELS, *, keys=LATLON, parameters="uv", **options):
     return [
         build(keys, parameter=parameter, level=level, **options)
         for level in levels
@@ -25,12 +22,12 @@ def profile(levels=LEVELS, *, keys=LATLON, parameters="uv", **options) -> list[b
     ]
 
 
-def content(catalogue: Catalogue) -> list[object]:
+def content(catalogue):
     arrays = catalogue.valid, catalogue.leads, catalogue.bounds, catalogue.rows
     return [catalogue.files, catalogue.grids, *(one.tobytes() for one in arrays)]
 
 
-def test_what_the_catalogue_says_of_a_real_run(real: Callable[[str], Path], tmp_path: Path) -> None:
+def test_what_the_catalogue_says_of_a_real_run(real, tmp_path):
     folder = real("grib/wrf_ruc13_g212")
     catalogue = build_catalogue(f"{folder}/*", name="ruc", cache_dir=tmp_path)
     assert len(catalogue) == 9 and len(catalogue.files) == 10
@@ -48,7 +45,7 @@ def test_what_the_catalogue_says_of_a_real_run(real: Callable[[str], Path], tmp_
     assert grid.wind_along_grid
 
 
-def test_shortest_lead_that_meets_the_condition_wins(tmp_path: Path) -> None:
+def test_shortest_lead_that_meets_the_condition_wins(tmp_path):
     for run, step in ((600, 6), (900, 3), (1200, 0)):
         write(tmp_path / f"run{run:04d}.grib", *profile(when=(20090801, run), step=step))
     for lead, expected in (("any", 0), (">= 1 h", 3), ("> 180 min", 6), ("== 6 h", 6)):
@@ -62,7 +59,7 @@ def test_shortest_lead_that_meets_the_condition_wins(tmp_path: Path) -> None:
     assert repr(catalogue) == f"<Catalogue 'x': {text}>"
 
 
-def test_levels_come_in_any_order_and_u_and_v_in_different_files(tmp_path: Path) -> None:
+def test_levels_come_in_any_order_and_u_and_v_in_different_files(tmp_path):
     rng = np.random.default_rng(0)
     us = profile(parameters="u")
     vs = profile(parameters="v")
@@ -75,7 +72,7 @@ def test_levels_come_in_any_order_and_u_and_v_in_different_files(tmp_path: Path)
     assert [set(one["file"]) for one in model.rows] == [{0}, {1}]
 
 
-def test_u_without_v_is_named_and_counted(real: Callable[[str], Path], tmp_path: Path) -> None:
+def test_u_without_v_is_named_and_counted(real, tmp_path):
     path = str(real("grib/uv_on_different_levels.grib"))
     catalogue = build_catalogue(path, name="x", cache_dir=tmp_path)
     assert [list(catalogue.levels(n)) for n in range(2)] == [[50000.0, 70000.0, 100000.0]] * 2
@@ -93,15 +90,13 @@ def test_u_without_v_is_named_and_counted(real: Callable[[str], Path], tmp_path:
         ("grib/eta_1995_no_grid_section.grb", "no grid section"),
     ],
 )
-def test_files_without_usable_winds_are_refused(
-    name: str, expected: str, real: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_files_without_usable_winds_are_refused(name, expected, real, tmp_path):
     with pytest.raises(InputError, match=expected) as caught:
         build_catalogue(str(real(name)), name="x", cache_dir=tmp_path)
     assert str(real(name)) in str(caught.value)
 
 
-def test_mixed_editions_and_wind_speed(tmp_path: Path) -> None:
+def test_mixed_editions_and_wind_speed(tmp_path):
     messages = *profile((300,), edition=1), *profile((500,), edition=2)
     found = build_catalogue(write(tmp_path / "m", *messages), name="x", cache_dir=tmp_path / "c")
     assert found.levels(0).tolist() == [30000.0, 50000.0]
@@ -110,13 +105,13 @@ def test_mixed_editions_and_wind_speed(tmp_path: Path) -> None:
         build_catalogue(path, name="x", cache_dir=tmp_path / "c")
 
 
-def test_u_and_v_on_different_grids_are_no_wind(tmp_path: Path) -> None:
+def test_u_and_v_on_different_grids_are_no_wind(tmp_path):
     path = write(tmp_path / "x.grib", build(LATLON), build(LAMBERT, parameter="v"))
     with pytest.raises(InputError, match="u without v"):
         build_catalogue(path, name="x", cache_dir=tmp_path)
 
 
-def test_bad_files_are_skipped_or_refused(tmp_path: Path) -> None:
+def test_bad_files_are_skipped_or_refused(tmp_path):
     good = profile()
     write(tmp_path / "a.grib", *good)
     write(tmp_path / "b.grib", b"not a grib file")
@@ -133,7 +128,7 @@ def test_bad_files_are_skipped_or_refused(tmp_path: Path) -> None:
         build_catalogue(pattern, name="x", cache_dir=tmp_path / "cache", on_bad_file="fail")
 
 
-def test_copies_of_a_field_count_once_and_the_note_names_the_file(tmp_path: Path) -> None:
+def test_copies_of_a_field_count_once_and_the_note_names_the_file(tmp_path):
     first = np.arange(176.0) / 4
     write(tmp_path / "a.grib", build(LATLON, first), build(LATLON, first, parameter="v"))
     # the same values in another packing are a copy, too
@@ -150,9 +145,7 @@ def test_copies_of_a_field_count_once_and_the_note_names_the_file(tmp_path: Path
 
 @pytest.mark.parametrize("edition", [1, 2])
 @pytest.mark.parametrize("files", [1, 2])
-def test_of_a_field_given_twice_with_other_values_neither_is_used(
-    edition: int, files: int, tmp_path: Path
-) -> None:
+def test_of_a_field_given_twice_with_other_values_neither_is_used(edition, files, tmp_path):
     lower = profile((700,), edition=edition)
     messages = [
         [build(LATLON, np.full(176, value), parameter=p, edition=edition) for p in "uv"]
@@ -170,7 +163,7 @@ def test_of_a_field_given_twice_with_other_values_neither_is_used(
     assert one["count"] == 4
 
 
-def test_lead_conditions() -> None:
+def test_lead_conditions():
     leads = np.array([0, 1800, 3600, 7200])
     for text, expected in [
         ("any", [1, 1, 1, 1]),
@@ -186,7 +179,7 @@ def test_lead_conditions() -> None:
             lead_condition(text)
 
 
-def test_a_replaced_file_is_read_again(tmp_path: Path) -> None:
+def test_a_replaced_file_is_read_again(tmp_path):
     path = write(tmp_path / "x.grib", *profile())
     first = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
     stamp = os.stat(path).st_mtime_ns
@@ -197,7 +190,7 @@ def test_a_replaced_file_is_read_again(tmp_path: Path) -> None:
     assert second.times[0] - first.times[0] == np.timedelta64(6, "h")
 
 
-def test_a_cache_that_cannot_be_written_costs_a_warning(tmp_path: Path) -> None:
+def test_a_cache_that_cannot_be_written_costs_a_warning(tmp_path):
     path = write(tmp_path / "x.grib", *profile())
     blocked = tmp_path / "file-in-the-way"
     blocked.write_text("")
@@ -207,9 +200,7 @@ def test_a_cache_that_cannot_be_written_costs_a_warning(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [lambda e: b"", lambda e: b"rubbish", lambda e: e[:-9]])
-def test_in_place_of_a_damaged_entry_the_file_is_read_again(
-    damage: Callable[[bytes], bytes], tmp_path: Path
-) -> None:
+def test_in_place_of_a_damaged_entry_the_file_is_read_again(damage, tmp_path):
     path = write(tmp_path / "x.grib", *profile())
     first = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
     (entry,) = (tmp_path / "c" / "grib-headers").iterdir()
@@ -219,7 +210,7 @@ def test_in_place_of_a_damaged_entry_the_file_is_read_again(
     assert content(again) == content(first) and entry.read_bytes() == whole
 
 
-def test_ensemble_members_are_not_mixed(tmp_path: Path) -> None:
+def test_ensemble_members_are_not_mixed(tmp_path):
     messages = []
     for member, value in ((3, 30.0), (1, 10.0)):
         extra = {"productDefinitionTemplateNumber": 1, "perturbationNumber": member}
@@ -236,7 +227,7 @@ def test_ensemble_members_are_not_mixed(tmp_path: Path) -> None:
         build_catalogue(path, name="x", member=2, cache_dir=cache)
 
 
-def test_hybrid_levels_need_a_pressure(tmp_path: Path) -> None:
+def test_hybrid_levels_need_a_pressure(tmp_path):
     messages = []
     for level in (1, 2):
         for parameter in (33, 34):

@@ -1,10 +1,6 @@
 """All model times joined: lazy, exact in time, the same on every scheduler, and resumable."""
 
-from __future__ import annotations
-
 import os
-from collections.abc import Callable
-from pathlib import Path
 
 import dask
 import numpy as np
@@ -12,7 +8,7 @@ import pytest
 import xarray as xr
 
 from airswing.errors import InputError
-from airswing.reference.catalogue import Catalogue, build_catalogue
+from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import collocate, overlap, require_overlap
 from airswing.reference.grib import values
 from tests.reference.builders import LATLON, build, write
@@ -21,7 +17,7 @@ SIZE = 176
 START = np.datetime64("2009-08-01T00:00", "ns")
 
 
-def hourly(folder: Path, hours=(0, 1, 2, 3), *, levels=(300, 500, 700)) -> Catalogue:
+def hourly(folder, hours=(0, 1, 2, 3), *, levels=(300, 500, 700)):
     """Hourly files; u is 10 times the hour plus ln p, v its negative."""
     folder.mkdir(exist_ok=True)
     for hour in hours:
@@ -36,7 +32,7 @@ def hourly(folder: Path, hours=(0, 1, 2, 3), *, levels=(300, 500, 700)) -> Catal
     return build_catalogue(str(folder / "h*.grib"), name="m", cache_dir=folder / "cache")
 
 
-def reports(hours, pressure=50000.0, latitude=50.0, longitude=20.0) -> xr.Dataset:
+def reports(hours, pressure=50000.0, latitude=50.0, longitude=20.0):
     hours = np.atleast_1d(np.asarray(hours, dtype=float))
     time = START + np.round(hours * 3600e9).astype("timedelta64[ns]")
     columns = {"latitude": latitude, "longitude": longitude, "pressure": pressure}
@@ -44,7 +40,7 @@ def reports(hours, pressure=50000.0, latitude=50.0, longitude=20.0) -> xr.Datase
     return xr.Dataset({"time": ("report", time), **data})
 
 
-def random_reports(count: int, first=-0.5, last=3.5, seed=4) -> xr.Dataset:
+def random_reports(count, first=-0.5, last=3.5, seed=4):
     rng = np.random.default_rng(seed)
     return reports(
         rng.uniform(first, last, count),
@@ -54,11 +50,11 @@ def random_reports(count: int, first=-0.5, last=3.5, seed=4) -> xr.Dataset:
     )
 
 
-def winds(ds: xr.Dataset, catalogue: Catalogue, **options) -> xr.Dataset:
+def winds(ds, catalogue, **options):
     return collocate(ds, {"m": catalogue}, **options).compute(scheduler="synchronous")
 
 
-def test_linear_in_time_between_valid_times(tmp_path: Path) -> None:
+def test_linear_in_time_between_valid_times(tmp_path):
     catalogue = hourly(tmp_path)
     hours = np.array([0.0, 0.25, 1.0, 2.75, 3.0])
     got = winds(reports(hours), catalogue)
@@ -68,7 +64,7 @@ def test_linear_in_time_between_valid_times(tmp_path: Path) -> None:
     assert got.unread_messages.values.tolist() == [0]
 
 
-def test_gaps_longer_than_the_limit_are_not_bridged(tmp_path: Path) -> None:
+def test_gaps_longer_than_the_limit_are_not_bridged(tmp_path):
     catalogue = hourly(tmp_path, hours=(0, 3, 7))
     ds = reports([0.0, 1.5, 3.0, 5.0, 7.0])
     for gap, known in ((10799, [1, 0, 1, 0, 1]), (10800, [1, 1, 1, 0, 1]), (14400, [1] * 5)):
@@ -76,7 +72,7 @@ def test_gaps_longer_than_the_limit_are_not_bridged(tmp_path: Path) -> None:
         np.testing.assert_array_equal(np.isfinite(u), known)
 
 
-def test_lead_times_are_weighted_like_the_winds(tmp_path: Path) -> None:
+def test_lead_times_are_weighted_like_the_winds(tmp_path):
     for step in (1, 3):
         options = {"when": (20090801, 0), "step": step}
         messages = [build(LATLON, np.ones(SIZE), parameter=name, **options) for name in "uv"]
@@ -86,14 +82,12 @@ def test_lead_times_are_weighted_like_the_winds(tmp_path: Path) -> None:
     np.testing.assert_allclose(got.lead_time[0], [1.0, 1.5, 3.0])
 
 
-def refuse(*args: object, **kwargs: object) -> None:
+def refuse(*args, **kwargs):
     raise RuntimeError("computed")
 
 
 @pytest.mark.parametrize("chunks", [None, 7, 50])
-def test_nothing_is_computed_before_the_result_is(
-    chunks: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_computed_before_the_result_is(chunks, tmp_path, monkeypatch):
     """Neither messages are read nor dask-backed reports computed; chunks do not matter."""
     catalogue, ds = hourly(tmp_path), random_reports(50)
     expected = winds(ds, catalogue, derivatives=True)
@@ -110,7 +104,7 @@ def test_nothing_is_computed_before_the_result_is(
 
 
 @pytest.mark.slow
-def test_every_scheduler_gives_the_same_bits(tmp_path: Path) -> None:
+def test_every_scheduler_gives_the_same_bits(tmp_path):
     from distributed import Client, LocalCluster
 
     catalogue = hourly(tmp_path)
@@ -128,16 +122,16 @@ def test_every_scheduler_gives_the_same_bits(tmp_path: Path) -> None:
         assert lazy.compute().identical(expected)
 
 
-def test_wrong_arguments_name_the_right_call(tmp_path: Path) -> None:
+def test_wrong_arguments_name_the_right_call(tmp_path):
     catalogue, ds = hourly(tmp_path), reports([1.0])
     with pytest.raises(TypeError, match="reports are an xarray Dataset, not a DataFrame"):
-        collocate(ds.to_dataframe(), {"m": catalogue})  # type: ignore[arg-type]
+        collocate(ds.to_dataframe(), {"m": catalogue})
     for wrong in ([catalogue], catalogue, "ruc/*.grb", {"m": tmp_path / "h00.grib"}):
         with pytest.raises(TypeError, match=r'collocate\(reports, \{"ruc": build_catalogue'):
-            collocate(ds, wrong)  # type: ignore[arg-type]
+            collocate(ds, wrong)
 
 
-def test_order_and_division_of_reports_do_not_matter(tmp_path: Path) -> None:
+def test_order_and_division_of_reports_do_not_matter(tmp_path):
     catalogue, ds = hourly(tmp_path), random_reports(211)
     whole = winds(ds, catalogue, derivatives=True)
     shuffle = np.random.default_rng(0).permutation(211)
@@ -149,7 +143,7 @@ def test_order_and_division_of_reports_do_not_matter(tmp_path: Path) -> None:
     xr.testing.assert_identical(joined, whole.drop_vars("unread_messages"))
 
 
-def test_sparse_and_whole_decoding_agree(real: Callable[[str], Path], tmp_path: Path) -> None:
+def test_sparse_and_whole_decoding_agree(real, tmp_path):
     folder = real("grib/wrf_ruc13_g212")
     catalogue = build_catalogue(f"{folder}/*", name="m", cache_dir=tmp_path)
     rng = np.random.default_rng(9)
@@ -163,7 +157,7 @@ def test_sparse_and_whole_decoding_agree(real: Callable[[str], Path], tmp_path: 
     xr.testing.assert_allclose(winds(east, catalogue, derivatives=True), sparse, rtol=1e-9)
 
 
-def test_each_message_is_read_once(tmp_path: Path) -> None:
+def test_each_message_is_read_once(tmp_path):
     catalogue = hourly(tmp_path)
     for ds, expected in (
         (random_reports(400), 4 * 3 * 2),
@@ -174,7 +168,7 @@ def test_each_message_is_read_once(tmp_path: Path) -> None:
         assert got.decoded_messages.values.tolist() == [expected]
 
 
-def test_tendencies_need_both_valid_times(tmp_path: Path) -> None:
+def test_tendencies_need_both_valid_times(tmp_path):
     catalogue = hourly(tmp_path)
     got = winds(reports([0.0, 0.5, 3.0]), catalogue, derivatives=True)
     tendency = got.reference_eastward_wind_tendency[0]
@@ -187,7 +181,7 @@ def test_tendencies_need_both_valid_times(tmp_path: Path) -> None:
         np.testing.assert_array_equal(plain[name], got[name])
 
 
-def test_a_vanished_and_a_replaced_file_are_counted_gaps(tmp_path: Path) -> None:
+def test_a_vanished_and_a_replaced_file_are_counted_gaps(tmp_path):
     catalogue = hourly(tmp_path)
     ds = reports([0.5, 1.5, 2.5, 3.0])
     before = winds(ds, catalogue)
@@ -203,7 +197,7 @@ def test_a_vanished_and_a_replaced_file_are_counted_gaps(tmp_path: Path) -> None
     np.testing.assert_array_equal(np.isfinite(got.reference_eastward_wind[0]), [0, 0, 0, 0])
 
 
-def test_reports_without_a_time_or_place_get_no_value(tmp_path: Path) -> None:
+def test_reports_without_a_time_or_place_get_no_value(tmp_path):
     ds = reports([1.0, 1.0, 1.0, 1.0])
     ds["time"] = ds.time.where(np.array([False, True, True, True]))
     ds.latitude[1] = np.nan
@@ -212,7 +206,7 @@ def test_reports_without_a_time_or_place_get_no_value(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.isfinite(got.reference_eastward_wind[0]), [0, 0, 0, 1])
 
 
-def test_no_reports_and_no_references(tmp_path: Path) -> None:
+def test_no_reports_and_no_references(tmp_path):
     catalogue = hourly(tmp_path)
     empty = winds(reports([1.0]).isel(report=slice(0, 0)), catalogue)
     assert empty.reference_eastward_wind.shape == (1, 0)
@@ -222,7 +216,7 @@ def test_no_reports_and_no_references(tmp_path: Path) -> None:
         collocate(reports([1.0]).drop_vars("pressure"), {"m": catalogue})
 
 
-def test_the_plan_says_who_has_no_model_and_why(tmp_path: Path) -> None:
+def test_the_plan_says_who_has_no_model_and_why(tmp_path):
     catalogue = hourly(tmp_path)
     ds = reports([-1, 0.5, 0.5, 0.5, 2.0], [5e4, 5e4, 5e4, 2e4, 5e4], [50, 50, 10, 50, 50], 20.0)
     one = overlap(ds, {"m": catalogue})["m"]
@@ -250,9 +244,7 @@ BETWEEN = reports([0.5, 2.5], pressure=45000.0)
         ((0, 3), (300, 400), BETWEEN, r"between the model's levels.*\(300 to 400 hPa\).*unit"),
     ],
 )
-def test_no_overlap_is_named(
-    hours: tuple, levels: tuple, ds: xr.Dataset, expected: str, tmp_path: Path
-) -> None:
+def test_no_overlap_is_named(hours, levels, ds, expected, tmp_path):
     catalogue = hourly(tmp_path, hours, levels=levels)
     with pytest.raises(InputError, match=expected):
         require_overlap(overlap(ds, {"m": catalogue}))

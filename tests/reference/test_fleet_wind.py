@@ -1,7 +1,5 @@
 """The wind of the fleet as a reference: an hour of Mode-S gives one offset an aircraft."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,12 +1,7 @@
 """Headers and values of GRIB against ecCodes, and messages that are damaged."""
 
-from __future__ import annotations
-
 import os
 import struct
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import eccodes
 import numpy as np
@@ -15,7 +10,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from airswing.reference.grib.grid_sections import read_grid
-from airswing.reference.grib.headers import FileContents, scan_file
+from airswing.reference.grib.headers import scan_file
 from airswing.reference.grib.values import (
     UnreadableMessageError,
     decode_guarded,
@@ -38,7 +33,7 @@ EVERY = np.arange(SIZE)
 PLANE = 10.0 + 8.0 * np.sin(np.arange(LAMBERT["Nx"] * LAMBERT["Ny"]) / 9.0)
 
 
-def field_values(path: str, row: np.void, size: int, points: np.ndarray) -> np.ndarray:
+def field_values(path, row, size, points):
     """Values of a field at some points, as the reader takes them."""
     with open(path, "rb") as file:
         if row["sparse"]:
@@ -49,11 +44,11 @@ def field_values(path: str, row: np.void, size: int, points: np.ndarray) -> np.n
     return found
 
 
-def isobaric(contents: FileContents) -> list[Any]:
+def isobaric(contents):
     return [row for row in contents.fields if row.level_kind == ISOBARIC]
 
 
-def decoded(message: bytes) -> np.ndarray:
+def decoded(message):
     """Values of a message by ecCodes alone, NaN where missing."""
     handle = eccodes.codes_new_from_message(message)
     eccodes.codes_set(handle, "missingValue", 1e300)
@@ -62,13 +57,13 @@ def decoded(message: bytes) -> np.ndarray:
     return np.where(values == 1e300, np.nan, values)
 
 
-def nanoseconds(date: int, clock: int) -> int:
+def nanoseconds(date, clock):
     text = f"{date // 10000:04d}-{date // 100 % 100:02d}-{date % 100:02d}"
     return int(np.datetime64(f"{text}T{clock // 100:02d}:{clock % 100:02d}", "ns").astype(np.int64))
 
 
 @pytest.mark.parametrize("name", REAL_FILES)
-def test_headers_and_values_equal_eccodes(name: str, real: Callable[[str], Path]) -> None:
+def test_headers_and_values_equal_eccodes(name, real):
     """Every isobaric wind of a real file: keys, and values at every point, bit for bit."""
     path = str(real(name))
     contents = scan_file(path)
@@ -102,7 +97,7 @@ def test_headers_and_values_equal_eccodes(name: str, real: Callable[[str], Path]
     assert contents.parts == count
 
 
-def test_garbage_between_messages_is_passed_over(tmp_path: Path) -> None:
+def test_garbage_between_messages_is_passed_over(tmp_path):
     one, two = build(LATLON), build(LATLON, edition=1, parameter="v")
     path = write(tmp_path / "x", b"\0" * 70000, one, b"header GRI noise", two, b"tail")
     contents = scan_file(path)
@@ -112,7 +107,7 @@ def test_garbage_between_messages_is_passed_over(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("edition", [1, 2])
-def test_what_is_no_whole_message_is_named(edition: int, tmp_path: Path) -> None:
+def test_what_is_no_whole_message_is_named(edition, tmp_path):
     one = build(LATLON, edition=edition)
     contents = scan_file(write(tmp_path / "x", one, one[: len(one) // 2]))
     assert len(contents.fields) == 1
@@ -137,7 +132,7 @@ UNITS = {0: 60, 1: 3600, 2: 86400, 10: 10800, 11: 21600, 12: 43200}  # s, of bot
         *((2, (unit, 3), 3 * one) for unit, one in (UNITS | {13: 1}).items()),
     ],
 )
-def test_leads(edition: int, stated: tuple[int, ...], seconds: int, tmp_path: Path) -> None:
+def test_leads(edition, stated, seconds, tmp_path):
     message = bytearray(build(LATLON, edition=edition))
     if edition == 1:
         message[8 + 17 : 8 + 21] = bytes(stated)
@@ -156,16 +151,14 @@ def test_leads(edition: int, stated: tuple[int, ...], seconds: int, tmp_path: Pa
         *((128, 98, 132, V), (128, 98, 33, None), (2, 7, 131, None), (200, 7, 33, None)),
     ],
 )
-def test_parameters_of_edition_1(
-    table: int, centre: int, parameter: int, kind: int | None, tmp_path: Path
-) -> None:
+def test_parameters_of_edition_1(table, centre, parameter, kind, tmp_path):
     message = bytearray(build(LATLON, edition=1))
     message[8 + 3], message[8 + 4], message[8 + 8] = table, centre, parameter
     fields = scan_file(write(tmp_path / "x", bytes(message))).fields
     assert [row.kind for row in fields] == ([] if kind is None else [kind])
 
 
-def test_native_levels_and_scaled_levels(tmp_path: Path) -> None:
+def test_native_levels_and_scaled_levels(tmp_path):
     wind, pressure = bytearray(build(LATLON, edition=1)), bytearray(build(LATLON, edition=1))
     for message in (wind, pressure):
         message[8 + 9], message[8 + 10 : 8 + 12] = 109, (7).to_bytes(2, "big")
@@ -182,7 +175,7 @@ def test_native_levels_and_scaled_levels(tmp_path: Path) -> None:
     assert sum(contents.skipped.values()) == 1
 
 
-def test_messages_of_edition_1_above_8_mb(tmp_path: Path) -> None:
+def test_messages_of_edition_1_above_8_mb(tmp_path):
     """Their length counts in units of 120 bytes."""
     side = {**LATLON, "Ni": 1700, "Nj": 1700}
     side |= {f"{c}DirectionIncrementInDegrees": 0.05 for c in "ij"}
@@ -216,14 +209,8 @@ def test_messages_of_edition_1_above_8_mb(tmp_path: Path) -> None:
 @example(2, 8, 0, (-0.0, -0.0), 0.0, 0)
 @example(2, 32, 0, (1.5, 149.0), 0.0, 1)
 def test_sparse_values_equal_eccodes_bit_for_bit(
-    tmp_path_factory: pytest.TempPathFactory,
-    edition: int,
-    bits: int,
-    decimal: int,
-    limits: tuple[float, float],
-    missing_share: float,
-    seed: int,
-) -> None:
+    tmp_path_factory, edition, bits, decimal, limits, missing_share, seed
+):
     assume(decimal >= 0 or limits[0] != limits[1])  # ecCodes does not scale constants
     rng = np.random.default_rng(seed)
     values = rng.uniform(*sorted(limits), SIZE)
@@ -252,7 +239,7 @@ def test_sparse_values_equal_eccodes_bit_for_bit(
         (1, "grid_second_order"),
     ],
 )
-def test_every_packing_is_decoded(edition: int, packing: str, tmp_path: Path) -> None:
+def test_every_packing_is_decoded(edition, packing, tmp_path):
     values = PLANE.copy()
     if packing == "grid_complex":
         values[5:40] = np.nan
@@ -265,7 +252,7 @@ def test_every_packing_is_decoded(edition: int, packing: str, tmp_path: Path) ->
     np.testing.assert_allclose(decoded(message), values, atol=0.01)
 
 
-def test_one_message_that_ends_the_decoder_costs_one_message(tmp_path: Path) -> None:
+def test_one_message_that_ends_the_decoder_costs_one_message(tmp_path):
     messages = [build(LAMBERT, PLANE, packing=p) for p in ("grid_ccsds", "grid_png")]
     path = write(tmp_path / "m.grib", *messages)
     descriptor = os.open(path, os.O_RDONLY)
@@ -281,7 +268,7 @@ def test_one_message_that_ends_the_decoder_costs_one_message(tmp_path: Path) -> 
 # damaged headers
 
 
-def section(message: bytes, number: int) -> int:
+def section(message, number):
     """Start of a section of a GRIB2 message."""
     at = 16
     while message[at + 4] != number:
@@ -289,7 +276,7 @@ def section(message: bytes, number: int) -> int:
     return at
 
 
-def bent(message: bytes, place: int, replacement: bytes) -> bytes:
+def bent(message, place, replacement):
     return message[:place] + replacement + message[place + len(replacement) :]
 
 
@@ -325,9 +312,7 @@ def bent(message: bytes, place: int, replacement: bytes) -> bytes:
         (4, 4, b"\x02", "section 2 after section 3"),
     ],
 )
-def test_damaged_headers_are_named(
-    number: int, offset: int, replacement: bytes, expected: str, tmp_path: Path
-) -> None:
+def test_damaged_headers_are_named(number, offset, replacement, expected, tmp_path):
     values = np.round(10 + 8 * np.sin(EVERY / 9.0), 2)
     message = build(LATLON, values, edition=2 if number else 1)
     place = offset + (section(message, number) if number else 0)

@@ -1,10 +1,6 @@
 """Grids of GRIB sections and of coordinates, against ecCodes' latitudes and longitudes."""
 
-from __future__ import annotations
-
 import pickle
-from pathlib import Path
-from typing import Any
 
 import eccodes
 import numpy as np
@@ -34,7 +30,7 @@ THIRDS = {
     "iDirectionIncrementInDegrees": 0.333,
     "jDirectionIncrementInDegrees": 0.333,
 }
-CASES: dict[str, tuple[dict[str, Any], int]] = {}
+CASES = {}
 for _edition in (1, 2):
     CASES |= {
         f"{name}-{_edition}": (keys, _edition)
@@ -72,13 +68,13 @@ for _shape in (0, 2, 4, 5, 6, 8, 9):
 CASES["lambert on an oblate earth-1"] = ({**LAMBERT, "resolutionAndComponentFlags": 72}, 1)
 
 
-def grid_of(message: bytes, folder: Path) -> AxesGrid:
+def grid_of(message, folder):
     contents = scan_file(write(folder / "one.grib", message))
     assert contents.grids, contents.skipped
     return read_grid(*contents.grids[0])
 
 
-def points_of(message: bytes) -> np.ndarray:
+def points_of(message):
     """Latitude, longitude and value of every point by ecCodes' iterator."""
     handle = eccodes.codes_new_from_message(message)
     iterator = eccodes.codes_grib_iterator_new(handle, 0)
@@ -91,7 +87,7 @@ def points_of(message: bytes) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_points_and_direction_are_those_of_eccodes(name: str, tmp_path: Path) -> None:
+def test_points_and_direction_are_those_of_eccodes(name, tmp_path):
     keys, edition = CASES[name]
     message = build(keys, edition=edition, bits=24)
     grid = grid_of(message, tmp_path)
@@ -123,7 +119,7 @@ def test_points_and_direction_are_those_of_eccodes(name: str, tmp_path: Path) ->
     assert np.angle(np.exp(1j * (angle - bearing))) == pytest.approx(0.0, abs=6e-3)
 
 
-def test_convergence_of_the_published_example() -> None:
+def test_convergence_of_the_published_example():
     """Latin 25, LoV 265E: -12.7 degrees at 125W, +4.4 at 84.5W, +8.5 at 75W (DOMAIN, trap 1)."""
     frame = Frame("projected", "+proj=lcc +lat_1=25 +lat_2=25 +lat_0=25 +lon_0=265 +R=6371229")
     angle = np.degrees(frame.convergence(np.full(3, 40.0), np.array([-125.0, -84.5, -75.0])))
@@ -131,7 +127,7 @@ def test_convergence_of_the_published_example() -> None:
 
 
 @pytest.mark.parametrize("columns", [0, 1])
-def test_every_other_row_may_run_backwards(columns: int, tmp_path: Path) -> None:
+def test_every_other_row_may_run_backwards(columns, tmp_path):
     keys = {**LATLON, "jPointsAreConsecutive": columns, "alternativeRowScanning": 1}
     grid = grid_of(build(keys), tmp_path)
     order = np.arange(grid.size).reshape((grid.ni, grid.nj) if columns else (grid.nj, grid.ni))
@@ -140,7 +136,7 @@ def test_every_other_row_may_run_backwards(columns: int, tmp_path: Path) -> None
     np.testing.assert_array_equal(grid.position(i, j), order.T if columns else order)
 
 
-def test_southern_polar_grid_of_edition_1_equals_edition_2(tmp_path: Path) -> None:
+def test_southern_polar_grid_of_edition_1_equals_edition_2(tmp_path):
     # ecCodes' iterator ignores the projection centre flag of edition 1
     one = grid_of(build({**POLAR, **SOUTHWARD}, edition=1), tmp_path)
     two = grid_of(build({**POLAR, **SOUTHWARD, "LaDInDegrees": -60.0}), tmp_path)
@@ -150,7 +146,7 @@ def test_southern_polar_grid_of_edition_1_equals_edition_2(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("edition", [1, 2])
-def test_thirds_of_a_degree_are_taken_from_the_corners(edition: int, tmp_path: Path) -> None:
+def test_thirds_of_a_degree_are_taken_from_the_corners(edition, tmp_path):
     # the increment is written as 0.333; adding it 90 times would be 0.03 degrees off
     grid = grid_of(build({**LATLON, **THIRDS}, edition=edition), tmp_path)
     steps = np.arange(0, 61)
@@ -160,7 +156,7 @@ def test_thirds_of_a_degree_are_taken_from_the_corners(edition: int, tmp_path: P
 
 
 @pytest.mark.parametrize("edition", [1, 2])
-def test_regular_gaussian_grids_are_known(edition: int, tmp_path: Path) -> None:
+def test_regular_gaussian_grids_are_known(edition, tmp_path):
     handle = eccodes.codes_grib_new_from_samples(f"regular_gg_pl_grib{edition}")
     eccodes.codes_set(handle, "shortName", "u")
     message = bytes(eccodes.codes_get_message(handle))
@@ -170,7 +166,7 @@ def test_regular_gaussian_grids_are_known(edition: int, tmp_path: Path) -> None:
         assert np.abs(index - np.rint(index)).max() < 1e-3
 
 
-def rapid_refresh(*, thousandths: bool, last: bool) -> bytes:
+def rapid_refresh(*, thousandths, last):
     """Section 3 of NCEP's template 3.32769 for the native grid of the 13 km Rapid Refresh."""
     ni, nj, step = 953, 834, 0.121813
     ends = np.array([-1.0, 1.0]) * step / 2
@@ -190,7 +186,7 @@ def rapid_refresh(*, thousandths: bool, last: bool) -> bytes:
 
 @pytest.mark.parametrize("thousandths", [True, False])
 @pytest.mark.parametrize("last", [True, False])
-def test_native_grid_of_the_rapid_refresh(thousandths: bool, last: bool) -> None:
+def test_native_grid_of_the_rapid_refresh(thousandths, last):
     """The first point lies near -10.59 N 220.91 E, as in the operational files."""
     grid = read_grid(2, rapid_refresh(thousandths=thousandths, last=last))
     assert (grid.ni, grid.nj) == (953, 834) and grid.wind_along_grid
@@ -212,9 +208,7 @@ def test_native_grid_of_the_rapid_refresh(thousandths: bool, last: bool) -> None
         (LATLON, {"latitudeOfLastGridPointInDegrees": 80.0}, "contradict"),
     ],
 )
-def test_unknown_grids_are_refused_with_a_reason(
-    base: dict[str, Any], keys: dict[str, Any], reason: str, tmp_path: Path
-) -> None:
+def test_unknown_grids_are_refused_with_a_reason(base, keys, reason, tmp_path):
     contents = scan_file(write(tmp_path / "bad.grib", build(base, extra=keys)))
     assert not contents.fields
     assert any(what == "grid" and reason in why for what, why in contents.skipped)
@@ -223,7 +217,7 @@ def test_unknown_grids_are_refused_with_a_reason(
 # grids of coordinates
 
 
-def test_axes_may_run_either_way_and_need_not_be_even() -> None:
+def test_axes_may_run_either_way_and_need_not_be_even():
     lat = np.array([80.0, 50.0, 10.0, -5.0])
     grid = AxesGrid(LONGITUDE_LATITUDE, np.array([170.0, 175.0, -175.0, -160.0]), lat)
     fi, fj = grid.fractional_index([65.0, 0.0], [172.5, 180.0])
@@ -232,7 +226,7 @@ def test_axes_may_run_either_way_and_need_not_be_even() -> None:
     assert not grid.contains([0.0], [165.0]).any()
 
 
-def test_points_grid_equals_the_projection_it_was_made_from() -> None:
+def test_points_grid_equals_the_projection_it_was_made_from():
     frame = Frame("projected", "+proj=lcc +lat_1=40 +lat_2=40 +lat_0=40 +lon_0=-97 +R=6370000")
     axes = AxesGrid(frame, np.arange(-20, 21) * 3e3, np.arange(-15, 16) * 3e3, True)
     x, y = np.meshgrid(axes.x, axes.y)

@@ -1,13 +1,9 @@
 """Fields that look like winds and are not an atmospheric state are refused by every reader."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from airswing.errors import InputError
 from airswing.reference.catalogue import build_catalogue
@@ -17,7 +13,7 @@ from tests.reference.gridded.datasets import latlon
 SIZE = LATLON["Ni"] * LATLON["Nj"]
 
 
-def profile(change: Any = None, *, edition: int = 2, value: float = 10.0, **extra: int) -> bytes:
+def profile(change=None, *, edition=2, value=10.0, **extra):
     messages = [
         build(LATLON, np.full(SIZE, value), edition=edition, parameter=p, level=level, extra=extra)
         for level in (300, 700)
@@ -26,10 +22,10 @@ def profile(change: Any = None, *, edition: int = 2, value: float = 10.0, **extr
     return b"".join(messages if change is None else [change(one) for one in messages])
 
 
-def section_1(entries: dict[int, int], length: int = 52) -> Any:
+def section_1(entries, length=52):
     """Change of a GRIB1 message: a longer section 1 with some bytes changed, counted from 1."""
 
-    def change(message: bytes) -> bytes:
+    def change(message):
         product = bytearray(message[8:36]) + bytes(length - 28)
         product[:3] = length.to_bytes(3, "big")
         for place, value in entries.items():
@@ -40,10 +36,10 @@ def section_1(entries: dict[int, int], length: int = 52) -> Any:
     return change
 
 
-def local(kind: int) -> Any:
+def local(kind):
     """Change of a GRIB2 message: ECMWF's local section with a MARS type."""
 
-    def change(message: bytes) -> bytes:
+    def change(message):
         section = b"\0\0\0\x11\x02\0\x01\0\x01" + kind.to_bytes(2, "big") + b"\x04\x060001"
         body = message[16:21] + b"\0\x62" + message[23:37] + section + message[37:]
         return message[:8] + (16 + len(body)).to_bytes(8, "big") + body
@@ -84,7 +80,7 @@ STATES = {
 
 @pytest.mark.parametrize("engine", ["auto", "grib"])
 @pytest.mark.parametrize("name", GRIB)
-def test_grib_fields_that_are_no_state_are_refused(name: str, engine: str, tmp_path: Path) -> None:
+def test_grib_fields_that_are_no_state_are_refused(name, engine, tmp_path):
     path = write(tmp_path / "x.grib", GRIB[name])
     with pytest.raises(InputError, match="no wind") as caught:
         build_catalogue(path, name="x", engine=engine, cache_dir=tmp_path)
@@ -92,7 +88,7 @@ def test_grib_fields_that_are_no_state_are_refused(name: str, engine: str, tmp_p
     assert any(reason in str(caught.value) for reason in reasons)
 
 
-def test_cfgrib_refuses_them_too(tmp_path: Path) -> None:
+def test_cfgrib_refuses_them_too(tmp_path):
     for name in ("spread", "analysis error of ECMWF"):
         path = write(tmp_path / "x.grib", GRIB[name])
         with pytest.raises(InputError, match=r"other than a mean|analysis error"):
@@ -100,13 +96,13 @@ def test_cfgrib_refuses_them_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", STATES)
-def test_states_are_used(name: str, tmp_path: Path) -> None:
+def test_states_are_used(name, tmp_path):
     path = write(tmp_path / "x.grib", STATES[name])
     assert build_catalogue(path, name="x", cache_dir=tmp_path).levels(0).size == 2
 
 
 @pytest.mark.parametrize("ending", ["", " of NCEP, edition 1"])
-def test_of_a_mean_and_a_spread_the_mean_is_used(ending: str, tmp_path: Path) -> None:
+def test_of_a_mean_and_a_spread_the_mean_is_used(ending, tmp_path):
     write(tmp_path / "mean.grib", STATES["mean" + ending])
     write(tmp_path / "spread.grib", GRIB["spread" + ending])
     found = build_catalogue(str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c")
@@ -114,14 +110,14 @@ def test_of_a_mean_and_a_spread_the_mean_is_used(ending: str, tmp_path: Path) ->
     assert found.levels(0).size == 2
 
 
-def changed(**attrs: str) -> xr.Dataset:
+def changed(**attrs):
     ds = latlon(latitude=np.arange(40.0, 61.0), longitude=np.arange(0.0, 21.0))
     for name in "uv":
         ds[name].attrs |= attrs
     return ds
 
 
-def named(ending: str) -> xr.Dataset:
+def named(ending):
     ds = changed().rename(u=f"u_{ending}", v=f"v_{ending}")
     for name in ds.data_vars:
         ds[name].attrs = {"units": "m/s"}
@@ -155,7 +151,7 @@ DATASETS = {
 
 
 @pytest.mark.parametrize("name", DATASETS)
-def test_variables_that_are_no_state_are_refused(name: str) -> None:
+def test_variables_that_are_no_state_are_refused(name):
     state = "no wind" if name.startswith("other") else "not an atmospheric state"
     with pytest.raises(InputError, match=state):
         build_catalogue(DATASETS[name], name="x")
@@ -173,5 +169,5 @@ def test_variables_that_are_no_state_are_refused(name: str) -> None:
         {"GRIB_dataType": "an", "GRIB_stepType": "instant"},
     ],
 )
-def test_variables_that_are_states_are_used(attrs: dict[str, str]) -> None:
+def test_variables_that_are_states_are_used(attrs):
     assert len(build_catalogue(changed(**attrs), name="x")) > 0

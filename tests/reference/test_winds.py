@@ -1,19 +1,12 @@
 """One model time at its reports: by hand, by invariants, by cfgrib."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 import xarray as xr
 
 from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import sample_model_times
-from airswing.reference.grids import LONGITUDE_LATITUDE, AxesGrid
-from airswing.reference.winds import ModelTime
+from airswing.reference.grids import LONGITUDE_LATITUDE
 from airswing.units import MODEL_EARTH_RADIUS as EARTH_RADIUS
 from tests.reference.builders import LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
 from tests.reference.test_grids import grid_of, points_of
@@ -21,17 +14,17 @@ from tests.reference.test_grids import grid_of, points_of
 SHAPE = (LATLON["Nj"], LATLON["Ni"])
 
 
-def lattice(keys: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+def lattice(keys):
     """Latitude and longitude of every point in message order, by ecCodes' iterator."""
     lat, lon, _ = points_of(build(keys))
     return lat, lon
 
 
-def sample_model_time(model: ModelTime, lat: Any, lon: Any, p: Any, **options: Any) -> np.ndarray:
+def sample_model_time(model, lat, lon, p, **options):
     return sample_model_times([model], [(lat, lon, p)], **options).tables[0]
 
 
-def model_of(folder: Path, keys: dict[str, Any], fields: dict[int, tuple], **options) -> ModelTime:
+def model_of(folder, keys, fields, **options):
     """A model time from u and v by level (hPa), written and catalogued."""
     messages = [
         build(keys, values, parameter=name, level=level, bits=32, **options)
@@ -42,7 +35,7 @@ def model_of(folder: Path, keys: dict[str, Any], fields: dict[int, tuple], **opt
     return build_catalogue(path, name="x", cache_dir=folder / "c").model_time(0)
 
 
-def test_nothing_is_extrapolated(tmp_path: Path) -> None:
+def test_nothing_is_extrapolated(tmp_path):
     flat = np.full(SHAPE, 7.0).ravel()
     model = model_of(tmp_path, LATLON, {300: (flat, flat), 500: (flat, flat)})
     lat = np.array([50.0, 50, 50, 60.001, 39.999, 50, 50, 60, 40])
@@ -52,7 +45,7 @@ def test_nothing_is_extrapolated(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.isfinite(u), [0, 0, 1, 0, 0, 0, 0, 1, 1])
 
 
-def test_bitmap_gaps_give_no_value(tmp_path: Path) -> None:
+def test_bitmap_gaps_give_no_value(tmp_path):
     u = np.full(SHAPE, 3.0)
     u[5, 5] = np.nan
     full = np.full(SHAPE, 3.0).ravel()
@@ -66,9 +59,7 @@ def test_bitmap_gaps_give_no_value(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("keys", [LAMBERT, ROTATED, POLAR, MERCATOR], ids=lambda k: k["gridType"])
-def test_a_westerly_everywhere_is_a_westerly_at_the_reports(
-    keys: dict[str, Any], tmp_path: Path
-) -> None:
+def test_a_westerly_everywhere_is_a_westerly_at_the_reports(keys, tmp_path):
     """Write a constant true wind along the grid; it must come back true."""
     grid = grid_of(build(keys), tmp_path)
     lat, lon = lattice(keys)
@@ -89,9 +80,7 @@ def test_a_westerly_everywhere_is_a_westerly_at_the_reports(
 
 
 @pytest.mark.parametrize("keys", [LATLON, LAMBERT, ROTATED, POLAR], ids=lambda k: k["gridType"])
-def test_derivatives_are_those_of_the_samples_themselves(
-    keys: dict[str, Any], tmp_path: Path
-) -> None:
+def test_derivatives_are_those_of_the_samples_themselves(keys, tmp_path):
     rng = np.random.default_rng(2)
     lat, lon = lattice(keys)
     smooth = [np.cumsum(rng.normal(0, 0.3, lat.size)) + 20 for _ in range(4)]
@@ -101,7 +90,7 @@ def test_derivatives_are_those_of_the_samples_themselves(
     at = np.array([lat[middle] + 0.11]), np.array([lon[middle] + 0.13]), np.array([38000.0])
     table = sample_model_time(model, *at, derivatives=True)[:, 0]
 
-    def wind(north: float = 0.0, east: float = 0.0, lnp: float = 0.0) -> np.ndarray:
+    def wind(north=0.0, east=0.0, lnp=0.0):
         stretch = np.cos(np.radians(at[0]))
         place = (
             at[0] + np.degrees(north / EARTH_RADIUS),
@@ -132,9 +121,7 @@ CFGRIB = [
 
 
 @pytest.mark.parametrize(("name", "top"), CFGRIB)
-def test_exactness_against_cfgrib_and_interp(
-    name: str, top: float | None, real: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_exactness_against_cfgrib_and_interp(name, top, real, tmp_path):
     """An independent path: cfgrib's fields, xarray's interp, pyproj's indices."""
     path = str(real(name))
     model = build_catalogue(path, name="x", cache_dir=tmp_path).model_time(0)
@@ -154,7 +141,7 @@ def test_exactness_against_cfgrib_and_interp(
     np.testing.assert_allclose(mine, theirs, atol=2e-4)
 
 
-def points_inside(model: ModelTime, rng: np.random.Generator, count: int) -> tuple:
+def points_inside(model, rng, count):
     south, north, west, east = model.grids[0].outline()
     lat, lon = rng.uniform(south, north, 20 * count), rng.uniform(west, east, 20 * count)
     inside = np.flatnonzero(np.isfinite(model.grids[0].fractional_index(lat, lon)[0]))[:count]
@@ -163,9 +150,7 @@ def points_inside(model: ModelTime, rng: np.random.Generator, count: int) -> tup
     return lat[inside], lon[inside], p
 
 
-def by_interp(
-    data: xr.Dataset, grid: AxesGrid, lat: np.ndarray, lon: np.ndarray, p: np.ndarray
-) -> np.ndarray:
+def by_interp(data, grid, lat, lon, p):
     """Linear interpolation by xarray on (ln p, y, x), then rotation by the published formula."""
     import pyproj
 

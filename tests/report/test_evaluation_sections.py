@@ -1,7 +1,5 @@
 """Sections on changes, ranking, references and events: their sentences, and empty ones."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -21,14 +19,14 @@ from tests.report.pages import Drawn, labels
 SHOW = Drawn()
 
 
-def window(aircraft: str, first: str, **values) -> dict:
+def window(aircraft, first, **values):
     known = {f"{name}_standard_error": 0.1 for name in ("offset", "amplitude")}
     fit = {"offset": 1.0, "amplitude": 3.0} | known
     return {"aircraft": aircraft, "window": first, "reports": 900, "status": "ok"} | fit | values
 
 
 @pytest.fixture
-def stability() -> dict:
+def stability():
     change = {
         "date": "2009-10-20",
         "date_ci": ["2009-10-19", "2009-10-22"],
@@ -51,17 +49,17 @@ def stability() -> dict:
     }
 
 
-def gain(kind: str, value: float, low: float, high: float) -> dict:
+def gain(kind, value, low, high):
     return {f"{kind}_gain_kt": value, f"{kind}_gain_ci_kt": [low, high]}
 
 
 @pytest.fixture
-def ranking() -> list[dict]:
+def ranking():
     known = {"aircraft": "N1", "disagreement_kt": 9.1} | gain("expected", 3.2, 2.8, 3.6)
     return [known, {"aircraft": "N2", "rank": None, "expected_gain_kt": None}]
 
 
-def virtual(*, agree: bool | None = True, realised: float = 3.0) -> dict:
+def virtual(*, agree=True, realised=3.0):
     sides = gain("predicted", 3.2, 2.8, 3.6) | gain("realised", realised, 2.5, 3.5)
     rows = [{"aircraft": "N1", "agree": agree} | sides]
     part = {"learned_until": "2009-10-10", "reports": 900, "by_aircraft": rows} | sides

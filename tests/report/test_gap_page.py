@@ -1,10 +1,5 @@
 """The page of a gap diagnosis: headline, words, every section, and what a file may lack."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from markupsafe import escape
@@ -51,20 +46,20 @@ HEADLINES = {
 
 
 @pytest.mark.parametrize("expected", HEADLINES)
-def test_headlines(expected: str) -> None:
+def test_headlines(expected):
     text = headline(HEADLINES[expected])
     assert text == (expected if expected.endswith(".") else f"{expected}: 8.3 → 6.3 kt.")
     assert len(text.split()) <= 25
     assert verdict(HEADLINES[expected]).startswith(text)
 
 
-def test_the_headline_shows_the_closure_in_digits_that_differ_and_in_any_unit() -> None:
+def test_the_headline_shows_the_closure_in_digits_that_differ_and_in_any_unit():
     small = content(iron("N401"), closure={"before": 5.0141, "after": 5.0122})
     assert headline(small).endswith("5.014 → 5.012 kt.")
     assert headline(content(iron("N401")), units="m/s").endswith("4.3 → 3.2 m/s.")
 
 
-def test_the_verdict_has_a_line_for_every_finding() -> None:
+def test_the_verdict_has_a_line_for_every_finding():
     closure = {"reduction": 1.2, "reduction_ci": [1.0, 1.4]}
     first, second, third = verdict(
         content(iron("N401", "N402", closure=closure), places=[place()])
@@ -83,7 +78,7 @@ def test_the_verdict_has_a_line_for_every_finding() -> None:
     assert verdict(content(swap)).endswith("Tail swap on N1 and N2: probability 0.99.")
 
 
-def test_the_verdict_says_what_is_likely_and_what_could_remain_unseen() -> None:
+def test_the_verdict_says_what_is_likely_and_what_could_remain_unseen():
     near = [{"name": "tas_scale", "probability": chance} for chance in (0.895, 0.45)]
     gap = content(unconfirmed=near, closure={"could_hide_kt": 0.0512})
     assert "Likely but not confirmed: TAS scale (0.89)." in verdict(gap)
@@ -91,7 +86,7 @@ def test_the_verdict_says_what_is_likely_and_what_could_remain_unseen() -> None:
     assert "could close up to 0.051 kt without being detected" in verdict(gap)
 
 
-def test_the_verdict_says_what_the_diagnosis_started_from() -> None:
+def test_the_verdict_says_what_the_diagnosis_started_from():
     known = {"source": "effects.yaml", "effects": [{}]}
     known |= {"disagreement_without_kt": 9.0, "disagreement_with_kt": 8.0}
     simulation = {"source": "sim.csv", "matched": 1200, "of": 1300, "matched_by": "report"}
@@ -117,15 +112,13 @@ def test_the_verdict_says_what_the_diagnosis_started_from() -> None:
         ("at_horizontal_field_nT", 18820.0, None, "at 18,820 nT"),
     ],
 )
-def test_parameters_carry_their_unit_and_95_percent_interval(
-    name: str, value: float | str, error: float | None, text: str
-) -> None:
+def test_parameters_carry_their_unit_and_95_percent_interval(name, value, error, text):
     found = effect("x", parameters={name: value}, standard_errors={name: error})
     assert parameters_text(found) == text
 
 
-def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:
-    def pair(one: dict[str, float], two: dict[str, float]) -> str:
+def test_parameters_of_several_aircraft_are_a_range_where_they_differ():
+    def pair(one, two):
         each = {"N1": {"parameters": one}, "N2": {"parameters": two}}
         return parameters_text(iron("N1", "N2", per_tail=each))
 
@@ -138,7 +131,7 @@ def test_parameters_of_several_aircraft_are_a_range_where_they_differ() -> None:
     assert across == "amplitude 3.9 ± 0.4°, phase 40 ± 2°"
 
 
-def test_words() -> None:
+def test_words():
     periods = {
         "from 2009-07-20": ["2009-07-20T00:00", None],
         "until 2009-08-01": [None, "2009-08-01"],
@@ -160,14 +153,14 @@ def test_words() -> None:
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_descriptions_of_effects_are_sentences_without_code_names(name: str) -> None:
+def test_descriptions_of_effects_are_sentences_without_code_names(name):
     _, physics, smaller = words.nature_of(name) or ("", "", [])
     assert smaller and words.nature_of("of_another_version") is None
     for part in (physics, *(line or "." for line in smaller)):
         assert part.endswith(".") and "_" not in part and ".." not in part
 
 
-def full() -> dict[str, Any]:
+def full():
     """Return a diagnosis with every section."""
     calibration = {"spread": 0.95, "crps_m_s": 0.64, "crps_expected_m_s": 0.68, "lag_one": 0.05}
     fit = {"aircraft": "N404", "stays": False}
@@ -198,9 +191,7 @@ def full() -> dict[str, Any]:
     )
 
 
-def test_the_page_has_every_section_and_folds_the_statistics(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_has_every_section_and_folds_the_statistics(tmp_path, monkeypatch):
     monkeypatch.setattr(document, "Figures", Drawn)
     text, found = check_page(write_gap_page(tmp_path, gap=full(), maps=MAPS))
     names = ("what", "closure", "where", "ambiguous", "claims", "statistics")
@@ -235,14 +226,12 @@ def test_the_page_has_every_section_and_folds_the_statistics(
         (content(), "No effect was found"),
     ],
 )
-def test_deviations_remain_where_no_effect_is_subtracted(
-    gap: dict[str, Any], reason: str, tmp_path: Path
-) -> None:
+def test_deviations_remain_where_no_effect_is_subtracted(gap, reason, tmp_path):
     gap["claims"] = {"taken_off": []}
     assert reason in write_gap_page(tmp_path, gap=gap, maps=MAPS[["aircraft"]].copy()).read_text()
 
 
-def test_a_file_that_lacks_optional_keys_has_a_page(tmp_path: Path) -> None:
+def test_a_file_that_lacks_optional_keys_has_a_page(tmp_path):
     needed = ("gap", "where", "effects", "unknown", "closure", "counts")
     bare = {key: value for key, value in content(iron("N401")).items() if key in needed}
     text, _ = check_page(write_gap_page(tmp_path, gap=bare, maps=MAPS[["aircraft"]].copy()))
@@ -269,8 +258,8 @@ TABLE = {
         {"variables": ["magnetic_heading", "phase"], "curve": TABLE},
     ],
 )
-def test_curves_of_unexplained_errors(given: dict[str, Any]) -> None:
-    figure: Any = gap_figures(content(places=[place(**given)]), MAPS)["unknown_1"]()
+def test_curves_of_unexplained_errors(given):
+    figure = gap_figures(content(places=[place(**given)]), MAPS)["unknown_1"]()
     check_figure(figure)
     assert words.place_sentence(place(**given), {}).rstrip(".") in figure.caption
     if "variables" in given:
@@ -279,7 +268,7 @@ def test_curves_of_unexplained_errors(given: dict[str, Any]) -> None:
         assert axes.get_xticks().tolist() == [0.0, 90.0, 180.0, 270.0, 360.0]
 
 
-def test_the_heading_map_shows_its_cells_and_affected_aircraft_are_bold() -> None:
+def test_the_heading_map_shows_its_cells_and_affected_aircraft_are_bold():
     axes = gap_figures(content(iron("N402")), MAPS)["aircraft_heading"]().axes[0]
     drawn = np.ma.filled(axes.collections[0].get_array().astype(float), np.nan)
     assert np.array_equal(drawn.ravel(), MAPS["heading_map"].to_numpy().ravel(), equal_nan=True)
@@ -289,14 +278,14 @@ def test_the_heading_map_shows_its_cells_and_affected_aircraft_are_bold() -> Non
     assert layers == ["850-1100", "700-850", "600-700", "500-600", "400-500", "above 400"]
 
 
-def test_compass_effects_are_drawn_as_the_sum_of_what_was_found() -> None:
+def test_compass_effects_are_drawn_as_the_sum_of_what_was_found():
     gap = content(iron("N402"), effect("compass_offset", "N402", parameters={"offset_deg": 1.0}))
     axes = gap_figures(gap, MAPS)["compass_effects"]().axes[0]
     x, y = next(line for line in axes.lines if line.get_label() == "fitted curve").get_data()
     assert np.allclose(y, 1.0 + 3.912 * np.sin(np.radians(x + 40.0)))
 
 
-def test_the_waterfall_falls_from_before_to_after() -> None:
+def test_the_waterfall_falls_from_before_to_after():
     steps = [("start", 7.4, None), ("hard_iron", 6.9, [0.4, 0.6]), ("tas_scale", 6.5, [0.3, 0.5])]
     gap = content(
         iron("N401"),
@@ -304,7 +293,7 @@ def test_the_waterfall_falls_from_before_to_after() -> None:
         waterfall=[{"label": name, "kt": kt, "step_ci": ends} for name, kt, ends in steps],
         closure={"before": 7.4, "after": 6.5},
     )
-    axes: Any = gap_figures(gap, MAPS)["waterfall"]().axes[0]
+    axes = gap_figures(gap, MAPS)["waterfall"]().axes[0]
     bars = [(bar.get_x(), bar.get_x() + bar.get_width()) for bar in axes.patches]
     expected = [(0, 7.4), (7.4, 6.9), (6.9, 6.5), (0, 6.5), (0, 6.3)]
     assert np.allclose(sorted(bars), sorted(expected))
@@ -313,9 +302,7 @@ def test_the_waterfall_falls_from_before_to_after() -> None:
 
 
 @pytest.mark.slow
-def test_the_page_of_a_real_diagnosis_and_the_same_in_a_notebook(
-    gap_product: Path, tmp_path: Path
-) -> None:
+def test_the_page_of_a_real_diagnosis_and_the_same_in_a_notebook(gap_product, tmp_path):
     """A diagnosis as the command wrote it: iron on N401, airspeed of N403."""
     gap, maps = GapReport.read(gap_product / "gap.json"), read_product(gap_product / "gap.nc")
     written = gap_product / "gap" / "index.html"

@@ -1,7 +1,5 @@
 """Maps: the outline passes where the earth has coasts, every point lies in its view, thinning."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -23,12 +21,12 @@ from tests.report.pages import Drawn
         ("border", -122.8, 49.0),  # the 49th parallel on the Pacific
     ],
 )
-def test_lines_pass_where_the_earth_has_them(layer: str, longitude: float, latitude: float) -> None:
+def test_lines_pass_where_the_earth_has_them(layer, longitude, latitude):
     points = np.concatenate(maps.lines()[layer])
     assert np.hypot(*(points - [longitude, latitude]).T).min() < 0.4
 
 
-def test_views_across_the_antimeridian_are_narrow_and_lines_split_at_the_seam() -> None:
+def test_views_across_the_antimeridian_are_narrow_and_lines_split_at_the_seam():
     view = maps.view_of([175.0, 179.0, -178.0, -175.0], [50.0, 52.0, 53.0, 51.0])
     assert view.east - view.west < 20
     assert np.diff(view.unwrapped([179.0, -179.0])) == pytest.approx(2.0)
@@ -41,7 +39,7 @@ def test_views_across_the_antimeridian_are_narrow_and_lines_split_at_the_seam() 
 @given(
     st.lists(st.floats(-180, 179.9), min_size=1, max_size=8), st.floats(-80, 80), st.floats(0, 8)
 )
-def test_every_point_lies_in_its_view(longitude: list[float], south: float, height: float) -> None:
+def test_every_point_lies_in_its_view(longitude, south, height):
     latitude = np.linspace(south, min(south + height, 90), len(longitude))
     view = maps.view_of(longitude, latitude)
     x = view.unwrapped(longitude)
@@ -50,9 +48,7 @@ def test_every_point_lies_in_its_view(longitude: list[float], south: float, heig
     assert view.east - view.west <= 360.0
 
 
-def test_large_archives_are_thinned_evenly_and_counted_in_full(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_large_archives_are_thinned_evenly_and_counted_in_full(monkeypatch):
     monkeypatch.setattr(ragged, "BLOCK_REPORTS", 70)
     monkeypatch.setattr(maps, "MOST_DRAWN", 100)
     number = np.arange(600)

@@ -1,10 +1,7 @@
 """The numbers and warnings of the page, by hand and against plain loops."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-import xarray as xr
 
 from airswing.errors import InputError
 from airswing.flags import SCREENING, STATUS
@@ -25,7 +22,7 @@ HEADINGS, FITS, _ = factories.products()
 RUN = Run(HEADINGS, FITS, "ruc")
 
 
-def tiny() -> tuple[xr.Dataset, xr.Dataset]:
+def tiny():
     """Two aircraft, two flights each, two reports a flight; the reference is calm."""
     headings, _ = factories.few(2, 4)
     off = np.array([3.0, 5.0, 4.0, 4.0, 1.0, 1.0, 2.0, 2.0]) * KNOT
@@ -42,7 +39,7 @@ def tiny() -> tuple[xr.Dataset, xr.Dataset]:
     return headings, corrected
 
 
-def test_disagreement_by_hand() -> None:
+def test_disagreement_by_hand():
     headings, corrected = tiny()
     found = selection.disagreement(headings, corrected, "ruc")
     assert found.before.tolist() == pytest.approx([4.0, 1.5])
@@ -60,7 +57,7 @@ def test_disagreement_by_hand() -> None:
     assert found.total.number == 2
 
 
-def test_a_pool_is_the_mean_of_its_members() -> None:
+def test_a_pool_is_the_mean_of_its_members():
     headings, _ = tiny()
     headings["heading_error"][:2] = np.array([[1.0], [4.0]])
     headings["heading_error"][1, 3] = np.nan
@@ -73,7 +70,7 @@ def test_a_pool_is_the_mean_of_its_members() -> None:
     assert selection.members(asked, "both") == ["ruc", "nam"]
 
 
-def test_the_fitted_bias_of_the_reference_is_subtracted() -> None:
+def test_the_fitted_bias_of_the_reference_is_subtracted():
     """W_ref = W + b alone: V psi_err = b_u cos psi - b_v sin psi, so nothing is left."""
     headings, fits = HEADINGS.copy(deep=True), FITS.copy(deep=True)
     fits["reference_bias"][:] = [0.8, -0.5]
@@ -84,7 +81,7 @@ def test_the_fitted_bias_of_the_reference_is_subtracted() -> None:
     assert np.abs(left).max() < 1e-9 < 0.3 < np.abs(np.degrees(error)).max()
 
 
-def test_a_table_within_its_error_needs_no_correction() -> None:
+def test_a_table_within_its_error_needs_no_correction():
     small = FITS.assign(table_correction=0.4 * np.sign(FITS["table_correction"]))
     narrow, wide = (
         small.assign(deviation_covariance=FITS["deviation_covariance"] * 0.0 + np.eye(5) * size**2)
@@ -99,7 +96,7 @@ def test_a_table_within_its_error_needs_no_correction() -> None:
         assert error.tolist() == (-selection.table_error(fit)[1]).tolist()
 
 
-def test_coefficients_carry_their_intervals() -> None:
+def test_coefficients_carry_their_intervals():
     fit = RUN.fit(0).copy(deep=True)
     fit["deviation"][:] = [1.0, -2.0, 0.5, 0.0, 0.0]
     fit["deviation_covariance"][:] = np.eye(5) * 0.06**2
@@ -109,7 +106,7 @@ def test_coefficients_carry_their_intervals() -> None:
     assert selection.coefficient_texts(fit)["D"] == "0"
 
 
-def test_screening_counts_together_and_alone() -> None:
+def test_screening_counts_together_and_alone():
     headings, _ = factories.few(1, 10)
     turn, roll = SCREENING["turn"], SCREENING["roll"]
     headings["screening"][:] = [turn, turn, turn | roll, roll, 0, 0, 0, 0, 0, 0]
@@ -121,14 +118,14 @@ def test_screening_counts_together_and_alone() -> None:
     assert "kept 2 of 10 reports (20%): the rule turn left out most, 8 (7 of them" in warning
 
 
-def test_unknown_names_are_refused_with_the_known_ones() -> None:
+def test_unknown_names_are_refused_with_the_known_ones():
     with pytest.raises(InputError, match=r"N999.*Choose from N000"):
         RUN.fit("N999")
     with pytest.raises(InputError, match="Choose from ruc, rtfdaa"):
         Run(HEADINGS, FITS, "gfs").fit("N000")
 
 
-def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went() -> None:
+def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went():
     (headings, corrected), fits = tiny(), FITS.isel(aircraft=[0, 5])
     total = selection.disagreement(headings, corrected, "ruc").total
     text = selection.headline(fits, total, "ruc")
@@ -148,7 +145,7 @@ def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went() -> N
             assert len(selection.headline(ds, one, POOL).split()) <= 25
 
 
-def test_binned_medians_and_sectors_by_hand() -> None:
+def test_binned_medians_and_sectors_by_hand():
     heading = np.array([1.0, 2, 3, 4, 5, 359, 100, 101])
     value = np.array([1.0, 2, 3, 4, 100, 7, 8, 9])
     found = binned_medians(heading, value, width=15.0)
@@ -168,7 +165,7 @@ SKIPPED = [
 ]
 
 
-def test_model_files_by_reason_the_most_files_first() -> None:
+def test_model_files_by_reason_the_most_files_first():
     assert model_reasons(SKIPPED) == [
         "left out: u not on pressure levels, 12 times in two.grb and 1 more files",
         "left out: truncated message, 1 times in one.grb",
@@ -177,7 +174,7 @@ def test_model_files_by_reason_the_most_files_first() -> None:
     assert model_warnings(SKIPPED) == model_reasons([SKIPPED[0], SKIPPED[3]])
 
 
-def test_reports_left_out_are_counted_by_reason_the_most_first() -> None:
+def test_reports_left_out_are_counted_by_reason_the_most_first():
     audit = Audit(read=2000, files_skipped=[{"file": "b.csv", "reason": "b.csv: is empty"}])
     audit.formats["csv"] = 3
     audit.similar_tails = [["N401", "n401"]]
@@ -203,5 +200,5 @@ def test_reports_left_out_are_counted_by_reason_the_most_first() -> None:
         ([], []),
     ],
 )
-def test_tails_that_differ_in_case_or_blanks(tails, groups) -> None:
+def test_tails_that_differ_in_case_or_blanks(tails, groups):
     assert similar(tails) == groups

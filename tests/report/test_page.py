@@ -1,14 +1,10 @@
 """The page of a run: whole, self-contained, headline first; every figure says what it shows."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -33,7 +29,7 @@ STATISTICS = innovation_statistics(HEADINGS, CORRECTED, pools=POOLS)
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, dict[str, Any]]]:
+def pages(tmp_path_factory):
     """Text and figures of the page with every product, by unit."""
     tested, compared = factories.field_tested(), factories.compared()
     evaluation = Evaluation(field_test=tested, sensitivity=compared, innovations=STATISTICS)
@@ -48,7 +44,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, dict
     return found
 
 
-def test_the_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
+def test_the_page_is_whole_and_asks_for_nothing_outside(tmp_path):
     (tmp_path / "tables.csv").write_text("aircraft\n")
     before = dict(matplotlib.rcParams)
     written = report.write_page(
@@ -75,7 +71,7 @@ def test_the_page_is_whole_and_asks_for_nothing_outside(tmp_path: Path) -> None:
         assert f'<section id="{anchor}">' not in text
 
 
-def test_all_products_become_sections_in_the_unit_that_is_asked_for(pages) -> None:
+def test_all_products_become_sections_in_the_unit_that_is_asked_for(pages):
     tested, (text, _), (metric, _) = factories.field_tested(), pages["kt"], pages["m/s"]
     for anchor in ("field-test", "sensitivity", "innovations"):
         assert f'<section id="{anchor}">' in text
@@ -89,14 +85,14 @@ def test_all_products_become_sections_in_the_unit_that_is_asked_for(pages) -> No
     check_no_knots(metric)
 
 
-def test_speeds_are_shown_in_the_unit_that_is_asked_for(pages) -> None:
+def test_speeds_are_shown_in_the_unit_that_is_asked_for(pages):
     knots, metric = (pages[units][1]["disagreement"].axes[0] for units in ("kt", "m/s"))
     assert knots.get_xlabel().endswith("(kt)") and metric.get_xlabel().endswith("(m/s)")
     one, other = (np.asarray(axes.lines[0].get_xdata()) for axes in (knots, metric))
     assert np.allclose(other, one * 1852 / 3600)
 
 
-def test_innovation_figures_show_the_statistics_of_the_product(pages) -> None:
+def test_innovation_figures_show_the_statistics_of_the_product(pages):
     axes = pages["m/s"][1]["innovations"].axes[0]
     shown = dict(zip(labels(axes), axes.lines[0].get_xdata(), strict=True))
     cells = STATISTICS.sel(reference=POOL, state="reported")
@@ -109,7 +105,7 @@ def test_innovation_figures_show_the_statistics_of_the_product(pages) -> None:
     assert np.nansum(np.ma.filled(drawn, 0)) == cells["innovation_histogram"].sum()
 
 
-def test_a_sounding_shows_one_ascent_or_descent_by_pressure(pages) -> None:
+def test_a_sounding_shows_one_ascent_or_descent_by_pressure(pages):
     lines = pages["m/s"][1]["sounding"].axes[0].lines
     assert [line.get_label() for line in lines] == ["reported", "corrected", POOL]
     pressure = np.asarray(lines[0].get_ydata())
@@ -119,7 +115,7 @@ def test_a_sounding_shows_one_ascent_or_descent_by_pressure(pages) -> None:
     assert "n = 0" in show.made["sounding"].caption
 
 
-def test_what_screening_and_reading_left_out(pages, tmp_path: Path) -> None:
+def test_what_screening_and_reading_left_out(pages, tmp_path):
     shown = labels(pages["kt"][1]["screening"].axes[1])
     assert shown == ["duplicate", "impossible position", "repaired: longitude wrapped"]
     headings, fits = factories.few(1, 40)
@@ -129,7 +125,7 @@ def test_what_screening_and_reading_left_out(pages, tmp_path: Path) -> None:
     assert "40 (100.0 %) entered" in text
 
 
-def test_a_fleet_with_refused_fits_alone_has_no_table_to_load(tmp_path: Path) -> None:
+def test_a_fleet_with_refused_fits_alone_has_no_table_to_load(tmp_path):
     headings, fits = factories.few()
     fits["status"][:] = STATUS["implausible_reports"]
     text = report.write_page(tmp_path, headings=headings, fits=fits).read_text()
@@ -139,7 +135,7 @@ def test_a_fleet_with_refused_fits_alone_has_no_table_to_load(tmp_path: Path) ->
     assert row.count("<td>-</td>") == 12 and "±" not in row
 
 
-def test_lazy_products_give_the_same_page(tmp_path: Path) -> None:
+def test_lazy_products_give_the_same_page(tmp_path):
     for name, ds in (("headings", HEADINGS), ("corrected", CORRECTED)):
         ds.to_netcdf(tmp_path / f"{name}.nc")
     eager = report.write_page(tmp_path / "a", headings=HEADINGS, fits=FITS, corrected=CORRECTED)
@@ -151,7 +147,7 @@ def test_lazy_products_give_the_same_page(tmp_path: Path) -> None:
     assert written.read_text() == eager.read_text()
 
 
-def test_the_page_names_what_was_left_out(tmp_path: Path) -> None:
+def test_the_page_names_what_was_left_out(tmp_path):
     headings, fits = factories.few()
     skipped = [{"file": name, "reason": f"{name}: is empty"} for name in ("a.csv", "b.csv")]
     audit = {"files": 3, "files_skipped": skipped, "similar_tails": [["N401", "n401"]]}
@@ -165,7 +161,7 @@ def test_the_page_names_what_was_left_out(tmp_path: Path) -> None:
         assert words in text
 
 
-def test_names_are_escaped_and_a_dollar_sign_begins_no_formula(tmp_path: Path) -> None:
+def test_names_are_escaped_and_a_dollar_sign_begins_no_formula(tmp_path):
     odd = [r"$\frac{1$", "N_1^$2$", "<script>x</script>", "N&1"]
     headings, fits = (ds.assign_coords(aircraft=odd) for ds in factories.few(4))
     text, _ = check_page(report.write_page(tmp_path, headings=headings, fits=fits))
@@ -175,7 +171,7 @@ def test_names_are_escaped_and_a_dollar_sign_begins_no_formula(tmp_path: Path) -
     assert "a &lt; b &amp; c" in html and 'alt="a &lt; b' in html
 
 
-def test_an_unwritable_folder_is_refused(tmp_path: Path) -> None:
+def test_an_unwritable_folder_is_refused(tmp_path):
     headings, fits = factories.few(1)
     (tmp_path / "report").write_text("a file where the folder should be")
     with pytest.raises(InputError, match="cannot write"):
@@ -183,7 +179,7 @@ def test_an_unwritable_folder_is_refused(tmp_path: Path) -> None:
     assert (tmp_path / "report").read_text() == "a file where the folder should be"
 
 
-def test_a_large_fleet_stays_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_large_fleet_stays_usable(tmp_path, monkeypatch):
     sizes = {"LARGE_PANELS": 2, "SMALL_PANELS": 5, "SMALL_TOGETHER": 3, "OVERVIEW": 3}
     for name, number in sizes.items():
         monkeypatch.setattr(page, name, number)
@@ -200,13 +196,13 @@ def test_a_large_fleet_stays_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.slow
-def test_the_page_of_a_thousand_aircraft_is_small(tmp_path: Path) -> None:
+def test_the_page_of_a_thousand_aircraft_is_small(tmp_path):
     headings, fits = factories.few(1000, 4)
     written = report.write_page(tmp_path, headings=headings, fits=fits)
     assert "N1399" in written.read_text() and written.stat().st_size < 3.5e6
 
 
-def test_importing_the_package_does_not_import_matplotlib() -> None:
+def test_importing_the_package_does_not_import_matplotlib():
     code = "import airswing.report, sys; print('matplotlib' in sys.modules)"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == "False"
@@ -214,7 +210,7 @@ def test_importing_the_package_does_not_import_matplotlib() -> None:
         _ = report.pie_chart
 
 
-def test_heading_error_figure_draws_the_fit_and_the_table() -> None:
+def test_heading_error_figure_draws_the_fit_and_the_table():
     axes = report.heading_error_figure(HEADINGS, FITS, "N002", "ruc").axes[0]
     lines = {line.get_label(): line for line in axes.get_lines()}
     fit = FITS.sel(reference="ruc", aircraft="N002")
@@ -225,7 +221,7 @@ def test_heading_error_figure_draws_the_fit_and_the_table() -> None:
     refused = report.heading_error_figure(HEADINGS, FITS, "N005", "ruc")
     shown = {line.get_label() for line in refused.axes[0].get_lines()}
     assert "fit, not usable" in shown and "removed by the 8-point table" not in shown
-    assert "poor heading coverage" in refused.caption  # type: ignore[attr-defined]
+    assert "poor heading coverage" in refused.caption
 
 
 DOM = """
@@ -245,9 +241,7 @@ console.log(JSON.stringify(given.wanted.map(text => { field.value = text; field.
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
-def test_the_search_finds_names_and_statuses_and_no_numbers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_search_finds_names_and_statuses_and_no_numbers(tmp_path, monkeypatch):
     """By the page's script on the table's cells."""
     monkeypatch.setattr(page, "LARGE_PANELS", 1)
     monkeypatch.setattr(page, "SMALL_PANELS", 1)

@@ -1,9 +1,6 @@
 """Swing cards: a deterministic PDF of a page an aircraft, with every figure a workshop needs."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +19,7 @@ FITS.attrs |= {"history": "2009-12-24T10:00:00Z airswing 0.1.0", "airswing_versi
 FITS["status"][:, 2] = STATUS["too_few_reports"]
 
 
-def texts(aircraft: str, fits=FITS) -> list[str]:
+def texts(aircraft, fits=FITS):
     figure = swing_card(Run(HEADINGS, fits, "ruc"), aircraft)
     inside = [text for axes in figure.axes for text in axes.texts]
     shown = [text.get_text() for text in [*figure.texts, *inside]]
@@ -30,14 +27,14 @@ def texts(aircraft: str, fits=FITS) -> list[str]:
 
 
 @given(st.lists(st.floats(-15, 15), min_size=8, max_size=8), st.floats(0, 359))
-def test_steering_gives_the_heading_wanted(table, wanted) -> None:
+def test_steering_gives_the_heading_wanted(table, wanted):
     held = steer(table, [wanted])[0]
     nodes = np.arange(0.0, 361.0, 45.0)
     made = held - np.interp(held, nodes, [*table, table[0]])
     assert (made - wanted + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
 
 
-def test_one_pdf_page_for_each_fit_and_the_same_bytes_again(tmp_path: Path) -> None:
+def test_one_pdf_page_for_each_fit_and_the_same_bytes_again(tmp_path):
     for name in ("first.pdf", "second.pdf"):
         assert write_swing_cards(FITS, HEADINGS, tmp_path / name, reference="ruc") == 2
     content = (tmp_path / "first.pdf").read_bytes()
@@ -51,7 +48,7 @@ def test_one_pdf_page_for_each_fit_and_the_same_bytes_again(tmp_path: Path) -> N
     assert write_swing_cards(fits, headings, tmp_path / "cards.pdf") == 2
 
 
-def test_a_card_has_what_a_workshop_needs() -> None:
+def test_a_card_has_what_a_workshop_needs():
     whole = "\n".join(texts("N400"))
     for words in (
         "N400",
@@ -75,13 +72,13 @@ def test_a_card_has_what_a_workshop_needs() -> None:
     assert np.allclose(y, factories.curve(fit["deviation"].to_numpy(), x))
 
 
-def test_cards_say_where_no_table_or_only_a_constant_is_needed() -> None:
+def test_cards_say_where_no_table_or_only_a_constant_is_needed():
     fits = FITS.copy(deep=True)
     fits["status"][0] = [STATUS["no_correction_needed"], STATUS["offset_only"], 1]
     assert any(one.startswith("No correction needed") for one in texts("N400", fits))
     assert any(one.startswith("Constant correction only") for one in texts("N401", fits))
 
 
-def test_fits_without_tables_are_refused(tmp_path: Path) -> None:
+def test_fits_without_tables_are_refused(tmp_path):
     with pytest.raises(InputError, match="add_tables"):
         write_swing_cards(FITS.drop_vars("table_correction"), HEADINGS, tmp_path / "cards.pdf")

@@ -1,10 +1,5 @@
 """Order, duplicates and layout: the same Dataset whatever the order of rows and files."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -18,12 +13,12 @@ from airswing.vocabulary import VARIABLES
 from tests.reports.tables import audit_of, flight, row, write
 
 
-def read(path: Path, rows: Any, **options: Any) -> tuple[xr.Dataset, dict[str, Any]]:
+def read(path, rows, **options):
     ds = read_reports(write(path / "reports.csv", rows), **options)
     return ds, audit_of(ds)
 
 
-def fleet() -> pd.DataFrame:
+def fleet():
     """Two tails, repeated rows, minute ties, missing values: everything order could disturb."""
     climb = flight(
         tail="B2", seconds=[0, 0, 60, 60, 120, 180], altitude_ft=[1e3, 2e3, 3e3, 4e3, 5e3, 6e3]
@@ -34,7 +29,7 @@ def fleet() -> pd.DataFrame:
     return pd.concat([climb, level, level.iloc[[2]], fuller, emptier], ignore_index=True)
 
 
-def test_the_contract_of_the_dataset(tmp_path: Path):
+def test_the_contract_of_the_dataset(tmp_path):
     ds, audit = read(tmp_path, fleet())
     assert ds["aircraft"].to_numpy().tolist() == ["A1", "B2"]
     assert ds["row_size"].to_numpy().tolist() == [10, 6]
@@ -60,7 +55,7 @@ def test_the_contract_of_the_dataset(tmp_path: Path):
     ("less", "more"),
     [({"wind_speed_kt": None}, {}), ({"wind_speed_kt": 30, "temperature_degC": None}, {})],
 )
-def test_of_two_reports_at_one_place_and_time_the_fuller_stays(tmp_path: Path, less, more):
+def test_of_two_reports_at_one_place_and_time_the_fuller_stays(tmp_path, less, more):
     ds, audit = read(tmp_path, [row(**less), row(**more)])
     assert audit["dropped"] == {"same_tail_and_time": 1}
     assert float(ds["eastward_wind"][0]) == pytest.approx(40 * 1852 / 3600)
@@ -77,7 +72,7 @@ def test_two_places_are_a_conflict_except_on_a_minute_clock(tmp_path, second, ot
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_reports_of_one_minute_follow_the_climb_or_descent(tmp_path: Path, sign: int):
+def test_reports_of_one_minute_follow_the_climb_or_descent(tmp_path, sign):
     feet = 10_000 + sign * np.arange(12) * 700.0
     table = flight(seconds=np.arange(12) * 20.0, altitude_ft=feet)
     table["time"] = table["time"].dt.floor("min")
@@ -87,7 +82,7 @@ def test_reports_of_one_minute_follow_the_climb_or_descent(tmp_path: Path, sign:
 
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(order=st.permutations(range(19)), cut=st.integers(1, 18))
-def test_order_of_rows_and_files_does_not_matter(tmp_path: Path, order: list[int], cut: int):
+def test_order_of_rows_and_files_does_not_matter(tmp_path, order, cut):
     table = fleet()
     wanted, _ = read(tmp_path, table)
     one = write(tmp_path / "one.csv", table.iloc[order[:cut]])
@@ -96,7 +91,7 @@ def test_order_of_rows_and_files_does_not_matter(tmp_path: Path, order: list[int
     xr.testing.assert_identical(read(tmp_path, table.iloc[order])[0], wanted)
 
 
-def test_given_phases_and_flights_are_kept_and_the_rest_derived(tmp_path: Path):
+def test_given_phases_and_flights_are_kept_and_the_rest_derived(tmp_path):
     first = flight(flight="MES1", phase=["descent"] + [""] * 9)
     second = flight(flight="MES1", start="2009-01-06T12:00:00", phase="")
     ds, audit = read(tmp_path, pd.concat([first, second]))
@@ -105,7 +100,7 @@ def test_given_phases_and_flights_are_kept_and_the_rest_derived(tmp_path: Path):
     assert audit["repaired"] == {"phase_derived": 19}
 
 
-def test_levels_of_a_profile_are_no_conflict_and_follow_the_climb(tmp_path: Path):
+def test_levels_of_a_profile_are_no_conflict_and_follow_the_climb(tmp_path):
     levels = {9800: -86.6, 1000: -87.0, 3000: -86.9}
     rows = [
         row(pressure_altitude_ft=feet, longitude=east, phase="ascent", wind_speed_kt=feet / 1000)
@@ -116,7 +111,7 @@ def test_levels_of_a_profile_are_no_conflict_and_follow_the_climb(tmp_path: Path
     np.testing.assert_allclose(ds["pressure_altitude"] / 0.3048, [1000, 3000, 9800], atol=0.1)
 
 
-def test_a_mean_over_straight_flight_and_the_middle_of_a_turn(tmp_path: Path):
+def test_a_mean_over_straight_flight_and_the_middle_of_a_turn(tmp_path):
     table = flight(seconds=np.arange(8) * 15.0, longitude=179.99, temperature_degC=-40.0)
     table["heading_deg"] = [359.0, 1, 359, 1, 0, 40, 80, 120]
     table["wind_speed_kt"] = np.arange(8.0)

@@ -1,9 +1,5 @@
 """Cleaning: what is dropped, what is repaired, and what the wind becomes."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,14 +13,14 @@ from airswing.reports.cleaning import clean, declination
 TIME = np.datetime64("2009-01-05T12:00:00", "ns")
 
 
-def piece(rows: int = 1, **values: Any) -> pd.DataFrame:
+def piece(rows=1, **values):
     """Raw piece in SI with some columns replaced."""
     plain = {"tail": "N412XJ", "time": TIME, "latitude": 41.5, "longitude": -87.25}
     plain |= {"pressure_altitude": 5000.0, "wind_direction": 270.0, "wind_speed": 20.0}
     return pd.DataFrame({**plain, **values}, index=range(rows))
 
 
-def cleaned(rows: int = 1, **values: Any) -> tuple[pd.DataFrame, Audit]:
+def cleaned(rows=1, **values):
     audit = Audit()
     return clean(piece(rows, **values), audit), audit
 
@@ -114,7 +110,7 @@ def test_components_in_place_of_speed_and_direction():
     assert np.isnan(frame["eastward_wind"][1])
 
 
-def with_motion(**values: Any) -> tuple[pd.DataFrame, Audit]:
+def with_motion(**values):
     """A report of heading, airspeed and ground vector without a wind."""
     plain = piece().drop(columns=["wind_direction", "wind_speed"])
     motion = {"reported_heading": 0.0, "reported_airspeed": 200.0, "ground_speed": 200.0}
@@ -155,7 +151,7 @@ def test_airspeeds_from_mach_and_indicated_airspeed_say_their_temperature():
     assert 185.0 < frame["reported_airspeed"][0] < 195.0
 
 
-def floats(low: float, high: float) -> st.SearchStrategy[float]:
+def floats(low, high):
     return st.floats(low, high) | st.just(float("nan"))
 
 

@@ -1,7 +1,5 @@
 """Column names, units and mappings; times and flag codes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -54,7 +52,7 @@ def test_the_unit_at_the_end_of_a_name_is_understood(name, value, variable, si):
         ({"W": {"name": "time", "format": "%d.%Q"}}, ["W.format", "bad directive", "%d.%m.%Y"]),
     ],
 )
-def test_a_bad_mapping_is_refused_by_name(columns: dict[str, object], parts: list[str]):
+def test_a_bad_mapping_is_refused_by_name(columns, parts):
     with pytest.raises(InputError) as error:
         parse_mapping(columns)
     assert all(part in str(error.value) for part in parts)
@@ -70,7 +68,7 @@ def test_a_bad_mapping_is_refused_by_name(columns: dict[str, object], parts: lis
         ([*PLAIN, "heading_deg", "ground_speed_kt", "pressure_hPa"], {}, "wind_direction_deg"),
     ],
 )
-def test_an_absent_column_is_named_with_the_nearest(names, mapping, message: str):
+def test_an_absent_column_is_named_with_the_nearest(names, mapping, message):
     with pytest.raises(InputError, match=message) as error:
         sources(names, parse_mapping(mapping), "fleet.csv")
     assert "fleet.csv" in str(error.value) and "airswing inspect" in str(error.value)
@@ -90,7 +88,7 @@ def test_an_absent_column_is_named_with_the_nearest(names, mapping, message: str
         pd.Timestamp("2009-01-05T06:00:00-06:00"),
     ],
 )
-def test_one_time_in_many_notations(value: object):
+def test_one_time_in_many_notations(value):
     time, blank = parse_times(pd.Series([value]))
     assert time[0] == NOON
     assert not blank[0]
@@ -111,7 +109,7 @@ def test_blank_and_unreadable_times_differ_and_rows_keep_their_notation():
     # elapsed seconds, a date, a modified Julian date, the far future
     [0, 3600, 20240701, 54836.5, "2099-01-01T00:00:00Z", "1969-12-31T00:00Z", 2099010100],
 )
-def test_times_that_no_report_can_have_are_not_possible(value: object):
+def test_times_that_no_report_can_have_are_not_possible(value):
     assert not possible(parse_times(pd.Series([value]))[0])[0]
 
 
@@ -132,7 +130,7 @@ def test_times_that_no_report_can_have_are_not_possible(value: object):
         ),
     ],
 )
-def test_flag_codes_are_decoded_and_counted(flag, codes, values, meanings: str):
+def test_flag_codes_are_decoded_and_counted(flag, codes, values, meanings):
     audit = Audit()
     found = decode_flags(values, flag, audit).tolist()
     assert found == [codes[name] for name in meanings.split()]

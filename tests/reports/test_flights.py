@@ -1,9 +1,5 @@
 """Flights and phases: midnight, antimeridian, ground stops, rounding."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -11,7 +7,7 @@ from airswing.flags import PHASE
 from airswing.reports.flights import derive_flight, derive_phase
 
 
-def columns(minutes: Any, east: Any = None, label: Any = -1, altitude: Any = 6000.0) -> dict:
+def columns(minutes, east=None, label=-1, altitude=6000.0):
     """One aircraft at the equator: by default 111 m/s due east."""
     minutes = np.asarray(minutes, dtype=float)
     values = {
@@ -82,7 +78,7 @@ def test_phases_of_a_flight_whatever_the_coding(step, altitude_step_ft):
         (np.full(1, 9000.0), "unknown"),  # alone
     ],
 )
-def test_phase_of_a_whole_flight(altitude: np.ndarray, phase: str):
+def test_phase_of_a_whole_flight(altitude, phase):
     minutes = np.arange(float(altitude.size))
     found = derive_phase(columns(minutes, altitude=altitude), np.zeros(altitude.size, int))
     assert (found == PHASE[phase]).all()

@@ -1,7 +1,5 @@
 """`airswing inspect` on a table nobody has seen: the mapping it proposes reads it."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -22,7 +20,7 @@ TRUTH = {
 }
 
 
-def european() -> pd.DataFrame:
+def european():
     """Date and time apart, units in brackets, semicolons, a column of no use."""
     return pd.DataFrame(
         {
@@ -40,7 +38,7 @@ def european() -> pd.DataFrame:
     )
 
 
-def levels() -> pd.DataFrame:
+def levels():
     """Flight levels, epoch milliseconds, wind as components, kelvin, no aircraft."""
     angle = np.radians(TRUTH["direction"])
     return pd.DataFrame(
@@ -56,14 +54,14 @@ def levels() -> pd.DataFrame:
     )
 
 
-def hours() -> pd.DataFrame:
+def hours():
     """Date and hour apart, as numbers without a first zero."""
     table = european().drop(columns=["Date", "UTC"])
     clock = (TIMES - pd.Timedelta("5h")).strftime("%H%M%S").astype(int)
     return table.assign(T="N1", obs_date=TIMES.strftime("%Y%m%d").astype(int), obs_hour=clock)
 
 
-def test_a_date_and_an_hour_make_the_time(tmp_path: Path) -> None:
+def test_a_date_and_an_hour_make_the_time(tmp_path):
     (tmp_path / "letter.txt").write_text("Dear colleague,\nhere is nothing of use.\n")
     assert propose_mapping(tmp_path / "letter.txt") is None
     hours().to_csv(tmp_path / "a.csv", index=False)
@@ -78,7 +76,7 @@ def test_a_date_and_an_hour_make_the_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("make", [european, levels])
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_what_is_proposed_reads_the_table(make, kind: str, tmp_path: Path) -> None:
+def test_what_is_proposed_reads_the_table(make, kind, tmp_path):
     path = tmp_path / f"theirs.{kind}"
     table = make()
     table.to_csv(path, index=False, sep=";") if kind == "csv" else table.to_parquet(path)
@@ -99,7 +97,7 @@ def test_what_is_proposed_reads_the_table(make, kind: str, tmp_path: Path) -> No
         assert reports["aircraft"].to_numpy().tolist() == ["D-ABCD"]
 
 
-def test_guesses_are_marked_and_what_is_missing_is_said(tmp_path: Path) -> None:
+def test_guesses_are_marked_and_what_is_missing_is_said(tmp_path):
     path = tmp_path / "recorder.csv"
     table = european()[["Date", "UTC", "Lat", "Lng"]].assign(hdg=10.0, gs=400.0, trk=11.0, mach=0.7)
     table.to_csv(path, index=False)

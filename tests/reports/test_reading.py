@@ -1,12 +1,9 @@
 """Finding files, recognising formats, clear refusals, and the two steps of reading."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import sys
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +16,11 @@ from airswing.reports import Audit, assemble, expand, read_file, read_reports, r
 from tests.reports.tables import audit_of, flight, row, write
 
 
-def notes_of(reports: xr.Dataset) -> str:
+def notes_of(reports):
     return " ".join(audit_of(reports)["notes"])
 
 
-def test_read_reports_is_each_file_read_and_assembled(tmp_path: Path):
+def test_read_reports_is_each_file_read_and_assembled(tmp_path):
     days = [flight(start=f"2009-01-0{day}T12:00", tail=f"N{day % 2}") for day in range(5, 9)]
     paths = [write(tmp_path / f"{n}.csv", day) for n, day in enumerate(days)]
     parts, audit = zip(*(read_file(path) for path in paths), strict=True)
@@ -33,7 +30,7 @@ def test_read_reports_is_each_file_read_and_assembled(tmp_path: Path):
     assert Audit.from_dict(audit[0].as_dict()) == audit[0]
 
 
-def test_flights_of_a_month_are_those_that_begin_in_it(tmp_path: Path):
+def test_flights_of_a_month_are_those_that_begin_in_it(tmp_path):
     starts = ("2009-01-31T12:00", "2009-01-31T23:50", "2009-02-01T09:00")
     table = pd.concat([flight(start=start) for start in starts])
     part, _ = read_file(write(tmp_path / "a.csv", table))
@@ -44,7 +41,7 @@ def test_flights_of_a_month_are_those_that_begin_in_it(tmp_path: Path):
     assert made[0]["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
 
 
-def test_no_file_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_no_file_is_found(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=rf"reports/\*\.csv' in folder {tmp_path}"):
         read_reports("reports/*.csv")
@@ -58,7 +55,7 @@ def test_no_file_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         read_reports(tmp_path)
 
 
-def test_names_twice_names_with_brackets_and_broken_links(tmp_path: Path):
+def test_names_twice_names_with_brackets_and_broken_links(tmp_path):
     path = write(tmp_path / "a[1].csv", flight())
     assert expand([path, str(path), str(tmp_path / "*.csv")]) == [path]
     (tmp_path / "b.csv").symlink_to(tmp_path / "absent")
@@ -67,7 +64,7 @@ def test_names_twice_names_with_brackets_and_broken_links(tmp_path: Path):
     assert "cannot be opened" in left_out["reason"]
 
 
-def archive(folder: Path, name: str) -> bytes:
+def archive(folder, name):
     with zipfile.ZipFile(folder / "archive", "w") as file:
         file.writestr(name, "x")
     return (folder / "archive").read_bytes()
@@ -95,9 +92,7 @@ def archive(folder: Path, name: str) -> bytes:
     ],
 )
 @pytest.mark.parametrize("format", ["auto", "g1000"])
-def test_a_file_that_holds_no_reports_is_named(
-    tmp_path: Path, content: bytes | str, message: str, format: str
-):
+def test_a_file_that_holds_no_reports_is_named(tmp_path, content, message, format):
     path = tmp_path / "thing.csv"
     path.write_bytes(content if isinstance(content, bytes) else archive(tmp_path, content))
     with pytest.raises(InputError, match=message if format == "auto" else "thing") as error:
@@ -106,7 +101,7 @@ def test_a_file_that_holds_no_reports_is_named(
     assert "Iteration" not in str(error.value)
 
 
-def test_unreadable_files_are_skipped_and_counted_or_refused(tmp_path: Path):
+def test_unreadable_files_are_skipped_and_counted_or_refused(tmp_path):
     write(tmp_path / "a.csv", flight(source="BUFR GRIB"))
     write(tmp_path / "b.csv", flight(start="2009-01-06T12:00:00"))
     (tmp_path / "bad.csv").write_bytes(b"\x00\x01\x02")
@@ -140,7 +135,7 @@ def test_unreadable_files_are_skipped_and_counted_or_refused(tmp_path: Path):
         ({"wind_speed_kt": "14 kt"}, r"wind_speed_kt: holds no numbers \(found: '14 kt'\)"),
     ],
 )
-def test_no_usable_report_says_why(tmp_path: Path, values: dict[str, object], message: str):
+def test_no_usable_report_says_why(tmp_path, values, message):
     with pytest.raises(InputError, match=message):
         read_reports(write(tmp_path / "a.csv", [row(**values)] * 2), format="csv")
 
@@ -153,13 +148,13 @@ def test_no_usable_report_says_why(tmp_path: Path, values: dict[str, object], me
         ({}, ""),
     ],
 )
-def test_what_columns_lack_is_said(tmp_path: Path, values: dict[str, object], note: str):
+def test_what_columns_lack_is_said(tmp_path, values, note):
     notes = notes_of(read_reports(write(tmp_path / "b.csv", flight(**values))))
     assert note in notes if note else notes == ""
 
 
 @pytest.mark.parametrize("labels", [("KLM12", "BAW7"), ("", "BAW7"), ("", "")])
-def test_two_aircraft_under_one_address_are_separated(tmp_path: Path, labels: tuple[str, str]):
+def test_two_aircraft_under_one_address_are_separated(tmp_path, labels):
     """Three days of two aircraft; on one day each flies alone, on another they meet in place."""
     days = [
         flight(flight=label, longitude=east + place, start=f"2009-01-0{day}T{clock}:00:{second}")
@@ -175,7 +170,7 @@ def test_two_aircraft_under_one_address_are_separated(tmp_path: Path, labels: tu
     assert "two aircraft seem to share one identifier" in notes_of(reports)
 
 
-def test_the_summary_of_a_file(tmp_path: Path, real: Callable[[str], Path]):
+def test_the_summary_of_a_file(tmp_path, real):
     found = reports_summary(write(tmp_path / "a.csv", flight(roll_flag=["G"] * 9 + [""])))
     assert (found["format"], found["reports"], found["aircraft"]) == ("csv", 10, 1)
     assert (found["first"], found["last"]) == ("2009-01-05T12:00:00Z", "2009-01-05T12:27:00Z")
@@ -204,7 +199,7 @@ FORMATS = (ReportFormat("printout", lambda start: start.startswith(b"%station"),
 """
 
 
-def test_a_format_is_one_new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_format_is_one_new_file(tmp_path, monkeypatch):
     """The folder of the file is made part of the package's."""
     (tmp_path / "station_printout.py").write_text(MODULE)
     package = importlib.import_module("airswing.reports.formats")

@@ -1,10 +1,5 @@
 """A real file of decoded Mode-S messages against the winds of its authors."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 
@@ -12,9 +7,7 @@ from airswing.reports import read_file
 from tests.reports.tables import write
 
 
-def test_real_mode_s_winds_are_the_authors_with_declination_zero(
-    tmp_path: Path, real: Callable[[str], Path]
-):
+def test_real_mode_s_winds_are_the_authors_with_declination_zero(tmp_path, real):
     """They took the magnetic heading for true, indicated airspeed at the standard temperature."""
     raw = pd.read_csv(real("modes/mpm_20170111_12z_aggregated.csv"))
     theirs = pd.read_csv(real("modes/mpm_20170111_12z_wind.csv")).drop_duplicates(["ts", "icao"])

@@ -1,7 +1,5 @@
 """Resolution of position, time and wind, from made lattices and real aircraft."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,7 @@ from airswing.units import KNOT
 RNG = np.random.default_rng(20090105)
 
 
-def found_step(values: np.ndarray, steps: tuple[tuple[float, float], ...]) -> float:
+def found_step(values, steps):
     return float(lattice_step(values, np.zeros(values.size, dtype=int), 1, steps)[0])
 
 
@@ -40,7 +38,7 @@ def test_a_step_survives_the_digits_it_is_stored_with(steps, largest, present, d
         assert found_step(values, steps) == pytest.approx(step)
 
 
-def reports(seconds: np.ndarray, clock: float = 1.0, tail: int = 0) -> dict[str, np.ndarray]:
+def reports(seconds, clock=1.0, tail=0):
     """A flight due east at 120 m/s whose times are cut to the clock."""
     east = -87.0 + 120.0 * seconds / 111_195.0
     start = np.datetime64("2009-01-05T12:00:00", "ns")
@@ -65,7 +63,7 @@ IRREGULAR = np.cumsum(RNG.uniform(0.7, 1.3, 80) * 180.0)
         (180.0 * np.arange(80), 1.0, 1.0),  # a schedule of whole minutes is no truncated clock
     ],
 )
-def test_all_four_of_one_aircraft(seconds: np.ndarray, clock: float, found_clock: float):
+def test_all_four_of_one_aircraft(seconds, clock, found_clock):
     found = resolutions(reports(seconds, clock), np.array([80]))
     assert found["position_resolution"][0] == pytest.approx(0.1 / 60)
     assert found["time_resolution"][0] == found_clock

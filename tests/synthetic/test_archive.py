@@ -1,7 +1,5 @@
 """Archives: exact without noise, of the size requested, ready to run; the shipped sample."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -23,21 +21,21 @@ SMALL = {"days": 2, "aircraft": 3, "seed": 5}
 
 
 @pytest.fixture(scope="module")
-def month() -> pd.DataFrame:
+def month():
     return simulate_arrays(days=8, aircraft=5, seed=4, columns=30, rows=23, spacing_km=62.0)
 
 
-def knots(u: pd.Series, v: pd.Series) -> float:
+def knots(u, v):
     return float(np.nanmean(np.hypot(u, v)) * 3600 / 1852)
 
 
-def test_without_faults_and_noise_the_true_wind_comes_back() -> None:
+def test_without_faults_and_noise_the_true_wind_comes_back():
     frame = simulate_arrays(**SMALL, coding=EXACT)
     assert np.abs(frame["u"] - frame["true_u"]).max() < 1e-6
     assert np.abs(frame["v"] - frame["true_v"]).max() < 1e-6
 
 
-def test_disagreement_is_the_seed_paper_s(month: pd.DataFrame) -> None:
+def test_disagreement_is_the_seed_paper_s(month):
     """6 kt with perfect compasses; one degree of heading on all of it adds a knot or so."""
     for name in ("ruc", "rtfdaa"):
         clean = knots(month["u"] - month[f"u_{name}"], month["v"] - month[f"v_{name}"])
@@ -52,7 +50,7 @@ def test_disagreement_is_the_seed_paper_s(month: pd.DataFrame) -> None:
     assert 7.0 < knots(swung["u"] - swung["u_ruc"], swung["v"] - swung["v_ruc"]) < 9.0
 
 
-def test_density_coverage_and_flags(month: pd.DataFrame) -> None:
+def test_density_coverage_and_flags(month):
     per_day = len(month) / 8 / 5
     assert 150 < per_day < 260
     heading = np.degrees(month["true_heading"]) % 360
@@ -64,7 +62,7 @@ def test_density_coverage_and_flags(month: pd.DataFrame) -> None:
     assert set(month["phase"]) == {1, 2, 3}
 
 
-def test_a_shuttle_flies_one_route_and_leaves_the_others_as_they_were() -> None:
+def test_a_shuttle_flies_one_route_and_leaves_the_others_as_they_were():
     frame = simulate_arrays(**SMALL)
     shuttled = simulate_arrays(**SMALL, shuttles=1)
     for tail in ("N401", "N402"):
@@ -75,7 +73,7 @@ def test_a_shuttle_flies_one_route_and_leaves_the_others_as_they_were() -> None:
     assert np.unique(points).size <= 4
 
 
-def test_written_archive_is_the_simulated_one_and_ready_to_run(tmp_path: Path) -> None:
+def test_written_archive_is_the_simulated_one_and_ready_to_run(tmp_path):
     config = write_archive(tmp_path, **SMALL, columns=24, rows=20, spacing_km=75.0)
     tails = ["N401", "N402", "N403"]
     effects = fleet_deviations(tails, 5)
@@ -105,7 +103,7 @@ def test_written_archive_is_the_simulated_one_and_ready_to_run(tmp_path: Path) -
     assert "truth" not in config.read_text()
 
 
-def test_field_test_units_apply_their_tables(tmp_path: Path) -> None:
+def test_field_test_units_apply_their_tables(tmp_path):
     effects = [
         {"name": "hard_iron", "tails": [tail], "parameters": {"amplitude_deg": 5.0}}
         for tail in ("N401", "N402")
@@ -127,11 +125,11 @@ def test_field_test_units_apply_their_tables(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def sample(root: Path) -> Path:
+def sample(root):
     return root / "data_samples"
 
 
-def test_the_command_writes_the_committed_files(sample: Path, tmp_path: Path) -> None:
+def test_the_command_writes_the_committed_files(sample, tmp_path):
     """The same files; a value in a thousand may round the other way on another machine."""
     assert sum(path.stat().st_size for path in sample.rglob("*") if path.is_file()) < 8_000_000
     made = write_quickstart(tmp_path)
@@ -155,9 +153,7 @@ def test_the_command_writes_the_committed_files(sample: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("name", ["quickstart", "field_test", "real_winds"])
-def test_configurations_load_and_point_at_the_sample(
-    root: Path, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_configurations_load_and_point_at_the_sample(root, name, monkeypatch):
     monkeypatch.chdir(root)
     config = load_config(root / "configs" / f"{name}.yaml")
     assert len(config.references) == 2

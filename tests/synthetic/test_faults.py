@@ -1,7 +1,5 @@
 """Faults: every one acts, on whom and when it should, by as much as was asked."""
 
-from __future__ import annotations
-
 from datetime import datetime
 
 import numpy as np
@@ -34,7 +32,7 @@ PAIR = [f"N{401 + len(FAULTS)}", f"N{402 + len(FAULTS)}"]
 
 
 @pytest.fixture(scope="module")
-def archives() -> list[pd.DataFrame]:
+def archives():
     """One day without faults and with all of them."""
     swap = {"name": "tail_swap", "tails": PAIR, "parameters": {}, "period": ["2009-03-01T18", None]}
     effects = [
@@ -53,13 +51,13 @@ def of(archives):
     return lambda name: [one[one["tail"] == TAILS[name]].reset_index() for one in archives]
 
 
-def heading_error(frame: pd.DataFrame) -> np.ndarray:
+def heading_error(frame):
     error = frame["heading"] - frame["true_heading"]
     return np.degrees((error + np.pi) % (2 * np.pi) - np.pi).to_numpy()
 
 
 @pytest.mark.parametrize("name", sorted({*UNIT_FAULTS} - {"heater_current"}))
-def test_every_unit_fault_changes_the_wind_and_nothing_else(of, name: str) -> None:
+def test_every_unit_fault_changes_the_wind_and_nothing_else(of, name):
     plain, found = of(name)
     change = np.hypot(found["u"] - plain["u"], found["v"] - plain["v"])
     assert np.isfinite(change).all()
@@ -69,7 +67,7 @@ def test_every_unit_fault_changes_the_wind_and_nothing_else(of, name: str) -> No
     assert (np.abs(heading_error(found)) < 1e-6).all() == name.startswith("tas")
 
 
-def test_hard_iron_and_heater_are_the_cycle_asked_for(archives, of) -> None:
+def test_hard_iron_and_heater_are_the_cycle_asked_for(archives, of):
     plain, found = of("hard_iron")
     magnetic = (found["heading"] - found["declination"]).to_numpy()
     strength = np.median(archives[0]["horizontal"]) / found["horizontal"].to_numpy()
@@ -80,7 +78,7 @@ def test_hard_iron_and_heater_are_the_cycle_asked_for(archives, of) -> None:
     np.testing.assert_array_equal(np.abs(heading_error(found)) > 1e-6, found["icing"] == 1)
 
 
-def test_airspeed_errors_lie_along_the_heading(of) -> None:
+def test_airspeed_errors_lie_along_the_heading(of):
     plain, found = of("tas_scale")
     du, dv = found["u"] - plain["u"], found["v"] - plain["v"]
     heading = plain["true_heading"]
@@ -90,7 +88,7 @@ def test_airspeed_errors_lie_along_the_heading(of) -> None:
     np.testing.assert_allclose(across, 0.0, atol=1e-3)
 
 
-def test_acceleration_and_turn_follow_their_stated_scale(of) -> None:
+def test_acceleration_and_turn_follow_their_stated_scale(of):
     for name, tolerance in (("acceleration_error", 0.03), ("turn_error", 0.1)):
         plain, found = of(name)
         magnetic, steep = plain["true_heading"] - plain["declination"], np.tan(plain["dip"])
@@ -102,7 +100,7 @@ def test_acceleration_and_turn_follow_their_stated_scale(of) -> None:
         assert np.abs(expected).max() > 0.5
 
 
-def test_lag_sends_the_wind_of_an_earlier_place(of) -> None:
+def test_lag_sends_the_wind_of_an_earlier_place(of):
     """Where the lag is the interval between reports, a report shows its predecessor's wind."""
     plain, found = of("time_lag")
     same = (plain["flight"].diff() == 0) & (plain["time"].diff() == pd.Timedelta(120, "s"))
@@ -112,7 +110,7 @@ def test_lag_sends_the_wind_of_an_earlier_place(of) -> None:
         np.testing.assert_allclose(found[column][same], earlier, atol=1e-3)
 
 
-def test_reporting_faults(of) -> None:
+def test_reporting_faults(of):
     plain, high = of("altitude_offset")
     np.testing.assert_allclose((high["altitude"] - plain["altitude"]) / 0.3048, 500.0, atol=1e-6)
     _, coarse = of("wind_coding")
@@ -127,7 +125,7 @@ def test_reporting_faults(of) -> None:
     assert 0.05 < gross.mean() < 0.3
 
 
-def test_swapped_aircraft_exchange_their_reports(archives) -> None:
+def test_swapped_aircraft_exchange_their_reports(archives):
     early, late = (
         [one[(one["time"] < "2009-03-01T18") != swapped] for one in archives]
         for swapped in (False, True)
@@ -141,6 +139,6 @@ def test_swapped_aircraft_exchange_their_reports(archives) -> None:
 @pytest.mark.parametrize(
     "effect", [{"name": "hard_irony"}, {"name": "hard_iron", "tails": ["N999"]}]
 )
-def test_unknown_names_are_refused(effect: dict) -> None:
+def test_unknown_names_are_refused(effect):
     with pytest.raises(InputError):
         parse_faults([effect], start=datetime(2009, 3, 1), tails=[*TAILS.values()])

@@ -1,10 +1,7 @@
 """Gridded models: rotation, interpolation, effects, GRIB files read back; a real run."""
 
-from __future__ import annotations
-
 import json
 from datetime import datetime
-from pathlib import Path
 
 import eccodes
 import numpy as np
@@ -30,15 +27,15 @@ HOURS = np.arange(0.0, 7.0)
 
 
 @pytest.fixture(scope="module")
-def world() -> World:
+def world():
     return World(WorldParameters(), 8, 24.0)
 
 
-def stored(world: World, **change: float) -> GriddedReference:
-    return build_reference(world, GRID, "ruc", LEVELS, HOURS, ReferenceChange(**change))  # type: ignore[arg-type]
+def stored(world, **change):
+    return build_reference(world, GRID, "ruc", LEVELS, HOURS, ReferenceChange(**change))
 
 
-def test_grid_components_point_where_the_grid_does(world: World) -> None:
+def test_grid_components_point_where_the_grid_does(world):
     """Moving along the stored vector on the map goes the wind's way on the earth."""
     along, earth = stored(world), stored(world, unrotated=-1.0)  # components along the earth's axes
     lat, lon = GRID.coordinates
@@ -52,7 +49,7 @@ def test_grid_components_point_where_the_grid_does(world: World) -> None:
     assert azimuth[0] == pytest.approx(np.degrees(np.arctan2(true_u, true_v)), abs=0.05)
 
 
-def test_nothing_is_extrapolated(world: World) -> None:
+def test_nothing_is_extrapolated(world):
     here = stored(world)
     outside = {
         "latitude": np.array([60.0, 42, 42, 42]),
@@ -63,14 +60,14 @@ def test_nothing_is_extrapolated(world: World) -> None:
     assert np.isnan(sample_reference(here, **outside)).all()
 
 
-def test_speed_bias_acts_above_its_level_only(world: World) -> None:
+def test_speed_bias_acts_above_its_level_only(world):
     plain, strong = stored(world), stored(world, speed_percent=10.0, above_hpa=500.0)
     ratio = strong.wind / np.where(np.abs(plain.wind) > 5, plain.wind, np.nan)
     np.testing.assert_allclose(np.nanmean(ratio, axis=(0, 1, 3, 4)), [1, 1, 1.1, 1.1], atol=1e-3)
 
 
 @pytest.mark.parametrize(("edition", "flag"), [(1, True), (2, False)])
-def test_eccodes_reads_the_written_fields(tmp_path: Path, edition: int, flag: bool) -> None:
+def test_eccodes_reads_the_written_fields(tmp_path, edition, flag):
     sizes = {"columns": 14, "rows": 11, "spacing": 40635.0}
     grid = centred_grid(43.0, -86.0, **sizes, radius=GRIB_RADIUS[edition])
     wind = np.random.default_rng(2).normal(5, 20, (4, 2, 2, 11, 14)).round(1).astype(np.float32)
@@ -91,7 +88,7 @@ def test_eccodes_reads_the_written_fields(tmp_path: Path, edition: int, flag: bo
             while (handle := eccodes.codes_grib_new_from_file(source)) is not None:
                 found.append(handle)
 
-    def values(name: str) -> list[object]:
+    def values(name):
         return [eccodes.codes_get(handle, name) for handle in found]
 
     assert values("shortName") == ["u", "v"] * 8
@@ -122,7 +119,7 @@ def test_eccodes_reads_the_written_fields(tmp_path: Path, edition: int, flag: bo
 GRIB = "grib/wrf_ruc13_g212"
 
 
-def test_the_run_is_read_as_eccodes_reads_it(real) -> None:
+def test_the_run_is_read_as_eccodes_reads_it(real):
     folder = real(GRIB)
     run, error, start = real_winds.read_run(folder)
     assert start.isoformat() == "2005-08-07T00:00:00"
@@ -147,7 +144,7 @@ def test_the_run_is_read_as_eccodes_reads_it(real) -> None:
     assert 2.0 < np.nanstd(error.wind[0, 0, level]) < 3.0
 
 
-def test_flights_see_independent_draws_of_the_error(real) -> None:
+def test_flights_see_independent_draws_of_the_error(real):
     run, error, _ = real_winds.read_run(real(GRIB))
     air = real_winds.RealAir(run, error, seed=3)
     flights = np.repeat(np.arange(60), 20)
@@ -165,9 +162,7 @@ def test_flights_see_independent_draws_of_the_error(real) -> None:
 
 
 @pytest.mark.slow
-def test_the_whole_job_recovers_the_deviations(
-    real, tmp_path: Path, blank_cards, monkeypatch
-) -> None:
+def test_the_whole_job_recovers_the_deviations(real, tmp_path, blank_cards, monkeypatch):
     """Every stage on real winds but the page, through two references of different leads."""
     real_winds.write_archive(tmp_path, real(GRIB), aircraft=6, seed=2)
     monkeypatch.setattr("airswing.workflow.main.make_page", lambda *_: None)

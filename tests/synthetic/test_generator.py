@@ -1,7 +1,5 @@
 """Parts of the generator: waves, magnetic field, flights, vector instrument and stated truth."""
 
-from __future__ import annotations
-
 from datetime import datetime
 
 import numpy as np
@@ -17,8 +15,6 @@ from airswing.synthetic.atmosphere import (
 from airswing.synthetic.flights import (
     NETWORKS,
     STEP,
-    Flown,
-    Timetable,
     fly,
     timetable,
 )
@@ -66,19 +62,19 @@ GEOD = pyproj.Geod(ellps="WGS84")
 
 
 @pytest.fixture(scope="module")
-def table() -> Timetable:
+def table():
     return timetable(NETWORKS["great_lakes"], aircraft=4, days=6, seed=5, legs_per_day=4.0)
 
 
 @pytest.fixture(scope="module")
-def flown(table: Timetable) -> Flown:
-    def wind(lat: np.ndarray, lon: np.ndarray, alt: np.ndarray, hours: np.ndarray) -> np.ndarray:
+def flown(table):
+    def wind(lat, lon, alt, hours):
         return np.stack([10.0 + 0.002 * alt, -3.0 + 0 * alt])
 
     return fly(table, wind, seed=5)
 
 
-def test_every_flight_arrives(table: Timetable, flown: Flown) -> None:
+def test_every_flight_arrives(table, flown):
     last = (flown.phase > 0).sum(axis=0) - 1
     assert last.max() < flown.phase.shape[0]
     flights = np.arange(last.size)
@@ -93,7 +89,7 @@ def test_every_flight_arrives(table: Timetable, flown: Flown) -> None:
     assert (flown.altitude.max(axis=0) >= table.cruise_altitude - 100).all()
 
 
-def test_ground_velocity_is_the_velocity_of_the_positions(flown: Flown) -> None:
+def test_ground_velocity_is_the_velocity_of_the_positions(flown):
     """Centred geodesic chord over two steps against the stored velocity, in cruise."""
     lat, lon = flown.latitude, flown.longitude
     azimuth, _, length = GEOD.inv(lon[:-2], lat[:-2], lon[2:], lat[2:])
@@ -112,7 +108,7 @@ def wrapped(degrees):
     return (degrees + 180.0) % 360.0 - 180.0
 
 
-def test_every_unit_errs_by_its_stated_coefficients_at_the_field_it_flies_in() -> None:
+def test_every_unit_errs_by_its_stated_coefficients_at_the_field_it_flies_in():
     """Aircraft fly where the field is weaker or stronger than the fleet's, by several per cent."""
     effects = fleet_deviations(TAILS, 7)
     frame = simulate_arrays(

@@ -1,7 +1,5 @@
 """Sealed archives: plan, draws, effects outside the catalogue, true closures, sensor errors."""
 
-from __future__ import annotations
-
 from collections import Counter
 from datetime import datetime
 

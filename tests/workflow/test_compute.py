@@ -1,7 +1,5 @@
 """Three places to run, the same results; and a clear end when a place fails."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal
@@ -30,7 +28,7 @@ def address():
         yield cluster.scheduler_address
 
 
-def results(root, folder, place: Compute, reports: str):
+def results(root, folder, place, reports):
     """Products of a run at a place, without its page."""
     folder.mkdir()
     (folder / "config.yaml").write_text(
@@ -86,7 +84,7 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
 
 
 def test_a_worker_process_that_ends_is_one_message():
-    def die() -> None:
+    def die():
         os.kill(os.getpid(), signal.SIGKILL)
 
     with (

@@ -1,7 +1,5 @@
 """A diagnosis works on the headings of the main job, from known effects or other simulations."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, replace
 

@@ -1,13 +1,9 @@
 """Months: what is new, late or corrected makes its months anew; the others are kept."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -35,7 +31,7 @@ pytestmark = pytest.mark.usefixtures("blank_cards")
 
 
 @pytest.fixture(scope="module")
-def archive(tmp_path_factory) -> Path:
+def archive(tmp_path_factory):
     """January to early March, a file of reports a day and of the model every three hours."""
     folder = tmp_path_factory.mktemp("archive")
     year.write_fields(folder / "model", HOURS)
@@ -58,7 +54,7 @@ def archive(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def emptied(archive) -> Iterator[None]:
+def emptied(archive):
     """Every test begins without results and with all reports; the model is whole again after it."""
     for name in ("reports", "results", "aside"):
         shutil.rmtree(archive / name, ignore_errors=True)
@@ -70,14 +66,14 @@ def emptied(archive) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def whole(archive) -> Path:
+def whole(archive):
     """Products of a run of all of it, never changed by a test."""
     shutil.copytree(archive / "days", archive / "reports", dirs_exist_ok=True)
     made(archive)
     return (archive / "results").rename(archive / "whole")
 
 
-def job_of(folder: Path, *, fresh: bool = False, **changes) -> workflow.Job:
+def job_of(folder, *, fresh=False, **changes):
     content = {
         "reports": {"files": str(folder / "reports/*.parquet")},
         "references": {"small": {"files": str(folder / "model/*.grb")}},
@@ -89,32 +85,32 @@ def job_of(folder: Path, *, fresh: bool = False, **changes) -> workflow.Job:
     return workflow.Job(load_config(path), Progress(quiet=True), fresh)
 
 
-def made(folder: Path, **changes) -> list[str]:
+def made(folder, **changes):
     """Headings, fits and corrected winds; the months of headings that were made."""
     job = job_of(folder, **changes)
     with workspace(job.output):
         headings = workflow.make_headings(job)
         workflow.make_corrected(job, headings, workflow.make_fits(job, headings))
-    months: dict[str, list[str]] = json.loads(headings.attrs["months"])
+    months = json.loads(headings.attrs["months"])
     assert sorted(months["made"] + months["kept"]) == sorted(
         path.stem for path in (folder / "results/corrected").glob("*.nc")
     )
     return months["made"]
 
 
-def kept_from(archive: Path, whole: Path) -> None:
+def kept_from(archive, whole):
     """Begin with the products of the run of all."""
     shutil.copytree(whole, archive / "results")
 
 
-def days(folder: Path, *patterns: str) -> list[Path]:
+def days(folder, *patterns):
     return [path for pattern in patterns for path in (folder / "reports").glob(pattern)]
 
 
 def test_months_made_night_by_night_are_what_one_run_gives(archive, whole):
     later = {path.name: path.rename(archive / "aside" / path.name) for path in days(archive, "*")}
 
-    def add(first: str, last: str) -> None:
+    def add(first, last):
         for name in sorted(later):
             if first <= name[:10] < last:
                 later.pop(name).rename(archive / "reports" / name)
@@ -255,11 +251,11 @@ def test_files_torn_by_a_loss_of_power_are_made_again(archive, whole, name, shar
     assert fault_drill.differences(whole, archive / "results") == []
 
 
-def end_before(folder: Path, name: str) -> None:
+def end_before(folder, name):
     """Make the products, and end the process where a file is about to get its name."""
     replace = os.replace
 
-    def replace_or_end(source: Path, target: Path) -> None:
+    def replace_or_end(source, target):
         if str(target).endswith(name):
             os._exit(9)
         replace(source, target)
@@ -306,7 +302,7 @@ def test_the_virtual_field_test_is_made_when_a_month_begins(archive, whole, monk
     calls = []
     monkeypatch.setattr(stages, "make_virtual", lambda job, *_: calls.append(job) or {"later": {}})
 
-    def night(*patterns: str) -> int:
+    def night(*patterns):
         before = len(calls)
         for path in days(archive, *patterns):
             path.unlink()

@@ -1,7 +1,5 @@
 """Tables with model winds, what files hold, and the summary of a run."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -24,7 +22,7 @@ LEVELS = np.array([70000.0, 50000.0, 30000.0])
 
 
 @pytest.fixture
-def model() -> xr.Dataset:
+def model():
     """Winds linear in place, so that interpolation adds nothing."""
     shape = (TIMES.size, LEVELS.size, LATITUDE.size, LONGITUDE.size)
     lat, lon = np.meshgrid(LATITUDE, LONGITUDE, indexing="ij")
@@ -49,7 +47,7 @@ def model() -> xr.Dataset:
     )
 
 
-def track(**changes) -> pd.DataFrame:
+def track(**changes):
     columns = {
         "name": ["007", "b", "c"],
         "time": ["2009-03-01T00:30:00Z", "2009-03-01T02:00:00Z", "2010-01-01T00:00:00Z"],
@@ -95,7 +93,7 @@ def test_what_is_missing_is_named(model, table, says):
 def test_the_command_keeps_the_table_as_it_is(model, tmp_path):
     model.to_netcdf(tmp_path / "m.nc")
 
-    def collocate(*options: str, reference: str = f"m={tmp_path}/*.nc"):
+    def collocate(*options, reference=f"m={tmp_path}/*.nc"):
         words = ["collocate", str(tmp_path / "track.csv"), "--reference", reference]
         return CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out.csv"), *options])
 
@@ -145,7 +143,7 @@ FITTED = {"offset": 0.82, "amplitude": 5.83, "phase": 33.8, "before_kt": 17.4, "
 ERRORS = {"amplitude_standard_error": 0.1, "offset_standard_error": 0.05}
 
 
-def fit(aircraft: str, status: str = "ok", **changes: object) -> dict:
+def fit(aircraft, status="ok", **changes):
     return {"aircraft": aircraft, "status": status, "reports": 4979} | FITTED | ERRORS | changes
 
 

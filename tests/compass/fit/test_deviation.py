@@ -1,7 +1,5 @@
 """Deviations, their errors and status; offsets where no curve can be fitted."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -232,7 +230,7 @@ def test_cr2_is_unbiased_where_the_working_model_holds():
     assert degrees_of_freedom(even.sum(axis=0), even, 6) == pytest.approx([5, 5])
 
 
-def statuses(size: float, seeds: range, **setting) -> np.ndarray:
+def statuses(size, seeds, **setting):
     """Status of fleets of 20 aircraft with one cycle of this amplitude (degrees)."""
     found = []
     for seed in seeds:

@@ -1,10 +1,6 @@
 """Datasets that cannot be used, and files that are damaged: a result, a count, or one message."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import netCDF4
 import numpy as np
@@ -14,27 +10,26 @@ from benchmarks.fuzz.seeds import make_dataset_seeds
 
 import airswing
 from airswing.errors import LONGEST, InputError
-from airswing.reference.catalogue import Catalogue
 from tests.reference.builders import LATLON, build, write
 from tests.reference.gridded.datasets import latlon, projected, winds
 
 
-def base() -> xr.Dataset:
+def base():
     return latlon(latitude=np.arange(30.0, 50.1, 2.5), longitude=np.arange(-110.0, -79.9, 2.5))
 
 
-def changed(name: str, attrs: dict[str, Any], ds: xr.Dataset | None = None) -> xr.Dataset:
+def changed(name, attrs, ds=None):
     ds = base() if ds is None else ds
     ds[name].attrs = attrs
     return ds
 
 
-def with_levels(values: np.ndarray, **attrs: str) -> xr.Dataset:
+def with_levels(values, **attrs):
     return base().assign_coords(level=("level", values, attrs))
 
 
 SPEED = {"standard_name": "wind_speed", "units": "m s-1"}
-CASES: dict[str, tuple[Callable[[], xr.Dataset], str]] = {
+CASES = {
     "no winds": (lambda: base().drop_vars("v").rename(u="t").assign(t=0 * base().u), "no wind"),
     "u alone": (lambda: base().drop_vars("v"), "no wind"),
     "speed only": (
@@ -79,7 +74,7 @@ CASES: dict[str, tuple[Callable[[], xr.Dataset], str]] = {
 
 
 @pytest.mark.parametrize("case", sorted(CASES))
-def test_one_clear_message(case: str, tmp_path: Path) -> None:
+def test_one_clear_message(case, tmp_path):
     make, words = CASES[case]
     path = tmp_path / "bad.nc"
     make().to_netcdf(path)
@@ -92,7 +87,7 @@ def test_one_clear_message(case: str, tmp_path: Path) -> None:
             assert "bad.nc" in message or "references.bad" in message
 
 
-def test_damaged_files_are_named_and_skipped(tmp_path: Path) -> None:
+def test_damaged_files_are_named_and_skipped(tmp_path):
     base().to_netcdf(tmp_path / "good.nc")
     whole = (tmp_path / "good.nc").read_bytes()
     (tmp_path / "short.nc").write_bytes(whole[: len(whole) // 3])
@@ -104,7 +99,7 @@ def test_damaged_files_are_named_and_skipped(tmp_path: Path) -> None:
             airswing.build_catalogue(str(tmp_path / pattern), name="m", on_bad_file="fail")
 
 
-def test_files_and_engines_that_cannot_be_used_together(tmp_path: Path) -> None:
+def test_files_and_engines_that_cannot_be_used_together(tmp_path):
     base().to_netcdf(tmp_path / "a.nc")
     write(tmp_path / "b.grib", build(LATLON, parameter="u"), build(LATLON, parameter="v"))
     with pytest.raises(InputError, match=r"several kinds.*b\.grib.*a\.nc"):
@@ -119,11 +114,11 @@ def test_files_and_engines_that_cannot_be_used_together(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def seeds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def seeds(tmp_path_factory):
     return make_dataset_seeds(tmp_path_factory.mktemp("seeds"))
 
 
-def found(path: Path, cache: Path) -> tuple[Catalogue, np.ndarray]:
+def found(path, cache):
     """Catalogue of a file, and u at 40 places on two levels."""
     when = np.datetime64("2009-09-16T09:00", "ns")
     rng = np.random.default_rng(1)
@@ -135,7 +130,7 @@ def found(path: Path, cache: Path) -> tuple[Catalogue, np.ndarray]:
     return model, winds(airswing.collocate(reports, {"m": model}))[0]
 
 
-def test_a_section_that_ends_eccodes_costs_its_message(seeds: dict[str, Path], tmp_path: Path):
+def test_a_section_that_ends_eccodes_costs_its_message(seeds, tmp_path):
     _, sound = found(seeds["GRIB2 Gaussian"], tmp_path)
     parts = seeds["GRIB2 Gaussian"].read_bytes().split(b"GRIB")[1:]
     parts = [b"GRIB" + part for part in parts]
@@ -149,7 +144,7 @@ def test_a_section_that_ends_eccodes_costs_its_message(seeds: dict[str, Path], t
     assert [one["count"] for one in model.skipped if one["what"] == "grid"] == [1]
 
 
-LIES: list[tuple[str, Callable[[netCDF4.Dataset], object]]] = [
+LIES = [
     ("gridded NetCDF-4", lambda file: file["latitude"].setncattr("standard_name", 7)),
     ("gridded NetCDF-4", lambda file: file["level"].setncattr("units", np.arange(3.0))),
     ("gridded NetCDF-4", lambda file: file["longitude"].setncattr("axis", 1e30)),
@@ -161,9 +156,7 @@ LIES: list[tuple[str, Callable[[netCDF4.Dataset], object]]] = [
 
 
 @pytest.mark.parametrize(("kind", "lie"), LIES)
-def test_attributes_of_another_kind_end_in_a_result_or_one_message(
-    kind: str, lie: Callable[[netCDF4.Dataset], object], seeds: dict[str, Path], tmp_path: Path
-):
+def test_attributes_of_another_kind_end_in_a_result_or_one_message(kind, lie, seeds, tmp_path):
     path = tmp_path / "lying.nc"
     path.write_bytes(seeds[kind].read_bytes())
     with netCDF4.Dataset(path, "a") as file:

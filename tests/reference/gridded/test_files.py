@@ -1,13 +1,10 @@
 """Files of model winds: compressed, at URLs, of foreign kinds, on several grids, and of WRF."""
 
-from __future__ import annotations
-
 import bz2
 import functools
 import gzip
 import http.server
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +17,7 @@ from typer.testing import CliRunner
 import airswing
 from airswing import cli
 from airswing.errors import InputError
-from airswing.reference.catalogue import Catalogue, build_catalogue
+from airswing.reference.catalogue import build_catalogue
 from tests.reference.builders import GLOBE, LATLON, build, write
 from tests.reference.gridded.datasets import by_hand, points, winds
 from tests.reference.gridded.test_layouts import LAT, LON, P, base, check
@@ -28,7 +25,7 @@ from tests.reference.gridded.test_layouts import LAT, LON, P, base, check
 SIZE = LATLON["Ni"] * LATLON["Nj"]
 
 
-def at_first_time(model: Catalogue, *, chunks: int | None = None) -> np.ndarray:
+def at_first_time(model, *, chunks=None):
     """Winds within the grid of GRIB files."""
     reports = points(LAT, LON + 5.0, P)
     reports["time"] = ("report", np.full(P.size, model.times[0]))
@@ -37,9 +34,7 @@ def at_first_time(model: Catalogue, *, chunks: int | None = None) -> np.ndarray:
 
 
 @pytest.mark.parametrize("levels_far", [(300, 900), (200, 300, 500, 900)])
-def test_of_two_grids_the_one_around_the_reports_is_used(
-    levels_far: tuple[int, ...], tmp_path: Path
-) -> None:
+def test_of_two_grids_the_one_around_the_reports_is_used(levels_far, tmp_path):
     """Also if the other grid has more levels."""
     far = {**LATLON, "latitudeOfFirstGridPointInDegrees": -20.0}
     far |= {"latitudeOfLastGridPointInDegrees": -40.0}
@@ -59,7 +54,7 @@ def test_of_two_grids_the_one_around_the_reports_is_used(
 
 
 @pytest.mark.parametrize(("surface", "edition"), [(150, 2), (102, 2), (103, 2), (104, 2), (109, 1)])
-def test_levels_of_any_type_with_a_pressure(surface: int, edition: int, tmp_path: Path) -> None:
+def test_levels_of_any_type_with_a_pressure(surface, edition, tmp_path):
     """The pressure varies along x; u is ln p in every column and so at every report."""
     messages = []
     columns = 1 + 0.01 * (np.arange(SIZE) % LATLON["Ni"])
@@ -84,7 +79,7 @@ def test_levels_of_any_type_with_a_pressure(surface: int, edition: int, tmp_path
 
 
 @pytest.mark.parametrize("surface", ["lnsp", "sp"])
-def test_ecmwf_model_levels(surface: str, tmp_path: Path) -> None:
+def test_ecmwf_model_levels(surface, tmp_path):
     """Pressure by the pv section, winds by hand."""
     rng = np.random.default_rng(21)
     count = 8
@@ -94,7 +89,7 @@ def test_ecmwf_model_levels(surface: str, tmp_path: Path) -> None:
     u, v = rng.normal(10, 15, (2, count, 19, 36))
     ps = rng.uniform(85000.0, 102000.0, (19, 36))
 
-    def message(values: np.ndarray, pv: np.ndarray | None = None, **keys: int) -> bytes:
+    def message(values, pv=None, **keys):
         return build(GLOBE, values.ravel(), when=(20221111, 0), bits=24, extra=keys, pv=pv)
 
     messages = [
@@ -121,7 +116,7 @@ def test_ecmwf_model_levels(surface: str, tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.idx"))
 
 
-def test_keys_for_grib_are_honoured_or_refused_by_name(tmp_path: Path) -> None:
+def test_keys_for_grib_are_honoured_or_refused_by_name(tmp_path):
     path = write(tmp_path / "x", *(build(LATLON, parameter=p) for p in "uv"))
     for naming in ({"u": "U"}, {"units": {"u": "kt"}}, {"level": "lev"}, {"projection": "+proj=x"}):
         (key,) = naming
@@ -133,9 +128,7 @@ def test_keys_for_grib_are_honoured_or_refused_by_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("opener", [gzip.open, bz2.open])
 @pytest.mark.parametrize("kind", ["grib", "netcdf"])
-def test_compressed_files_are_read(
-    opener: Callable[..., object], kind: str, tmp_path: Path
-) -> None:
+def test_compressed_files_are_read(opener, kind, tmp_path):
     plain = tmp_path / "plain"
     if kind == "netcdf":
         base().to_netcdf(plain)
@@ -144,7 +137,7 @@ def test_compressed_files_are_read(
         levels = [(n, p) for n in (300, 900) for p in "uv"]
         write(plain, *(build(LATLON, values, parameter=p, level=n) for n, p in levels))
     packed = tmp_path / "packed.gz"
-    with opener(packed, "wb") as file:  # type: ignore[attr-defined]
+    with opener(packed, "wb") as file:
         file.write(plain.read_bytes())
     one, two = (
         build_catalogue(str(path), name="x", cache_dir=tmp_path / "c") for path in (plain, packed)
@@ -157,7 +150,7 @@ def test_compressed_files_are_read(
         build_catalogue(str(packed), name="x", cache_dir=tmp_path / "c", on_bad_file="fail")
 
 
-def test_more_compressed_files_than_are_kept_are_read_by_threads(tmp_path: Path) -> None:
+def test_more_compressed_files_than_are_kept_are_read_by_threads(tmp_path):
     """One field a file, as weather services give them; copies are removed when others come."""
     values = np.arange(SIZE) / 10.0
     for level in (200, 300, 500, 700, 850, 900):
@@ -190,7 +183,7 @@ def test_more_compressed_files_than_are_kept_are_read_by_threads(tmp_path: Path)
         (b"\x80\x04\x95\x00", "no whole GRIB message in it, and neither NetCDF nor Zarr"),
     ],
 )
-def test_foreign_files_are_named(content: bytes, expected: str, tmp_path: Path) -> None:
+def test_foreign_files_are_named(content, expected, tmp_path):
     path = tmp_path / "x.nc"
     path.write_bytes(content)
     with pytest.raises(InputError, match=expected) as caught:
@@ -201,7 +194,7 @@ def test_foreign_files_are_named(content: bytes, expected: str, tmp_path: Path) 
     assert len(found) == 2 and [Path(one["file"]).name for one in found.skipped] == ["x.nc"]
 
 
-def test_observations_are_no_model_winds(tmp_path: Path) -> None:
+def test_observations_are_no_model_winds(tmp_path):
     track = xr.Dataset({"u": ("obs", [1.0])}, attrs={"featureType": "trajectory"})
     track.to_netcdf(tmp_path / "track.nc")
     track.to_netcdf(tmp_path / "ioda.nc", group="ObsValue")
@@ -211,7 +204,7 @@ def test_observations_are_no_model_winds(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("order", ["ab", "ba"])
-def test_of_two_files_with_other_values_neither_is_used(order: str, tmp_path: Path) -> None:
+def test_of_two_files_with_other_values_neither_is_used(order, tmp_path):
     for name, change in zip(order, (0.0, 5.0), strict=True):
         ds = base()
         ds["u"] += change
@@ -220,7 +213,7 @@ def test_of_two_files_with_other_values_neither_is_used(order: str, tmp_path: Pa
         build_catalogue(str(tmp_path / "*.nc"), name="x")
 
 
-def test_winds_in_a_group(tmp_path: Path) -> None:
+def test_winds_in_a_group(tmp_path):
     ds = base()
     ds.to_netcdf(tmp_path / "x.nc", group="model/levels")
     model = build_catalogue(str(tmp_path / "x.nc"), name="x")
@@ -233,13 +226,13 @@ def test_winds_in_a_group(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("dimension", ["ncells", "nCells", "cell", "ncol", "values"])
-def test_unstructured_grids_are_named(dimension: str) -> None:
+def test_unstructured_grids_are_named(dimension):
     ds = base().stack({dimension: ("latitude", "longitude")}).reset_index(dimension)
     with pytest.raises(InputError, match=r"unstructured grid.*cdo remapbil"):
         build_catalogue(ds, name="x")
 
 
-def test_urls_are_read_through_fsspec(tmp_path: Path) -> None:
+def test_urls_are_read_through_fsspec(tmp_path):
     import fsspec
 
     base().to_netcdf(tmp_path / "x.nc")
@@ -257,12 +250,12 @@ def test_urls_are_read_through_fsspec(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["store.zarr", "store.zarr-v3", "store"])
-def test_zarr_at_a_url(name: str) -> None:
+def test_zarr_at_a_url(name):
     base().to_zarr(f"memory://{name}", mode="w")
     check(f"memory://{name}")
 
 
-def test_files_of_a_web_server_need_no_optional_package(tmp_path: Path) -> None:
+def test_files_of_a_web_server_need_no_optional_package(tmp_path):
     base().to_netcdf(tmp_path / "x.nc")
     handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(tmp_path))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
@@ -274,7 +267,7 @@ def test_files_of_a_web_server_need_no_optional_package(tmp_path: Path) -> None:
         server.shutdown()
 
 
-def test_winds_alone_at_places_without_reported_winds(tmp_path: Path) -> None:
+def test_winds_alone_at_places_without_reported_winds(tmp_path):
     base().to_netcdf(tmp_path / "era5.nc")
     shown = CliRunner().invoke(cli.app, ["inspect", str(tmp_path / "era5.nc")])
     assert shown.exit_code == 0 and "6 pressure levels, 200 to 1000 hPa" in shown.output
@@ -304,7 +297,7 @@ def test_winds_alone_at_places_without_reported_winds(tmp_path: Path) -> None:
 LOW = np.array([60000.0, 52000.0, 81000.0])
 
 
-def wrf_winds(ds: xr.Dataset, folder: Path) -> np.ndarray:
+def wrf_winds(ds, folder):
     path = folder / f"{len(list(folder.iterdir()))}.nc"  # the one before is still open
     ds.to_netcdf(path)
     model = build_catalogue(str(path), name="wrf")
@@ -315,7 +308,7 @@ def wrf_winds(ds: xr.Dataset, folder: Path) -> np.ndarray:
     return np.array(winds(airswing.collocate(reports, {"wrf": model})))
 
 
-def test_files_of_wrf_in_several_layouts(real: Callable[[str], Path], tmp_path: Path) -> None:
+def test_files_of_wrf_in_several_layouts(real, tmp_path):
     whole = xr.open_dataset(
         real("models/wrfpython_ci_test_file.nc"), decode_times=False, engine="netcdf4"
     ).isel(Time=[0])

@@ -1,7 +1,5 @@
 """Every grid a Dataset can have, against pyproj and numpy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -26,7 +24,7 @@ KINDS = ["lambert", "tangent", "polar", "mercator", "rotated"]
 RNG = np.random.default_rng(11)
 
 
-def geographic(kind: str) -> Transformer:
+def geographic(kind):
     """From x and y of a kind of grid to longitude and latitude, by pyproj."""
     crs = crs_of(kind)
     if kind == "rotated":
@@ -34,7 +32,7 @@ def geographic(kind: str) -> Transformer:
     return Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True)
 
 
-def places_in(kind: str, count: int = 200) -> tuple[np.ndarray, ...]:
+def places_in(kind, count=200):
     """Fractional indices inside a grid, their coordinates and places."""
     x, y = axes_of(kind)
     fi, fj = RNG.uniform(0, x.size - 1, count), RNG.uniform(0, y.size - 1, count)
@@ -44,7 +42,7 @@ def places_in(kind: str, count: int = 200) -> tuple[np.ndarray, ...]:
 
 
 @pytest.mark.parametrize(("kind", "units"), [*((k, "m") for k in KINDS), ("lambert", "km")])
-def test_projected_winds_against_pyproj(kind: str, units: str) -> None:
+def test_projected_winds_against_pyproj(kind, units):
     ds = projected(kind, units=units)
     fi, fj, px, py, lat, lon = places_in(kind)
     p = RNG.uniform(20500.0, 99500.0, fi.size)
@@ -61,7 +59,7 @@ def test_projected_winds_against_pyproj(kind: str, units: str) -> None:
 
 @pytest.mark.parametrize("first", [0.0, -180.0])
 @pytest.mark.parametrize("north_up", [True, False])
-def test_a_whole_globe_either_way_round(first: float, north_up: bool) -> None:
+def test_a_whole_globe_either_way_round(first, north_up):
     lat = np.linspace(-90, 90, 37)[:: 1 if north_up else -1]
     ds = latlon(latitude=lat, longitude=first + np.arange(0, 360, 5.0))
     where = RNG.uniform(-89.9, 89.9, 150), RNG.uniform(-180, 360, 150)
@@ -77,7 +75,7 @@ def test_a_whole_globe_either_way_round(first: float, north_up: bool) -> None:
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
-def test_outside_a_regional_grid_there_is_no_wind() -> None:
+def test_outside_a_regional_grid_there_is_no_wind():
     ds = latlon(latitude=np.arange(40, 61, 1.0), longitude=np.arange(350, 371, 1.0) % 360)
     inside = [(50.0, -5.0), (50.0, 355.0), (50.0, 5.0), (40.0, 350.0), (60.0, 10.0)]
     outside = [(39.9, 0.0), (50.0, 10.1), (50.0, 349.9), (50.0, 180.0), (60.1, 0.0)]
@@ -89,7 +87,7 @@ def test_outside_a_regional_grid_there_is_no_wind() -> None:
 
 @pytest.mark.parametrize("mapping", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
-def test_points_give_the_winds_of_their_projection(kind: str, mapping: bool) -> None:
+def test_points_give_the_winds_of_their_projection(kind, mapping):
     """Latitudes and longitudes of every point, with a grid mapping whose axes are absent or not."""
     ds = projected(kind)
     x, y = axes_of(kind)
@@ -112,7 +110,7 @@ def test_points_give_the_winds_of_their_projection(kind: str, mapping: bool) -> 
     np.testing.assert_allclose(one, two, atol=1e-4 if mapping else 4e-2)
 
 
-def test_a_pole_turned_in_its_own_frame() -> None:
+def test_a_pole_turned_in_its_own_frame():
     mapping = MAPPINGS["rotated"] | {"north_pole_grid_longitude": 20.0}
     frame = frame_of(mapping, field="")
     crs = CRS.from_cf(mapping)
@@ -122,7 +120,7 @@ def test_a_pole_turned_in_its_own_frame() -> None:
     assert isinstance(frame, Frame)
 
 
-def test_wkt_alone_and_a_string_in_the_configuration() -> None:
+def test_wkt_alone_and_a_string_in_the_configuration():
     ds = projected("lambert")
     crs = crs_of("lambert")
     *_, lat, lon = places_in("lambert", 20)

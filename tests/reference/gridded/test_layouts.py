@@ -1,10 +1,5 @@
 """Layouts of Datasets in use: each gives the winds of the same Dataset in its plain form."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping
-from pathlib import Path
-
 import cftime
 import numpy as np
 import pytest
@@ -22,7 +17,7 @@ EXPECTED = np.array(
 PER_HOUR = 7.0  # m/s, change of u and v
 
 
-def base() -> xr.Dataset:
+def base():
     """Winds that are linear in place and time, so that points and order do not matter."""
     ds = latlon(latitude=np.arange(40.0, 61.0), longitude=np.arange(0.0, 21.0))
     x, y, z = ds.longitude, ds.latitude, np.log(ds.level)
@@ -33,12 +28,12 @@ def base() -> xr.Dataset:
     return ds
 
 
-def collocated(ds: xr.Dataset | str, after: float = 0.0, **options: object) -> xr.Dataset:
+def collocated(ds, after=0.0, **options):
     model = airswing.build_catalogue(ds, name="m", **options)
     return airswing.collocate(points(LAT, LON, P, after=after), {"m": model}).compute()
 
 
-def check(ds: xr.Dataset | str, after: float = 0.0, **options: object) -> xr.Dataset:
+def check(ds, after=0.0, **options):
     """The Dataset gives the winds of the plain one."""
     found = collocated(ds, after, **options)
     np.testing.assert_allclose(winds(found), EXPECTED + PER_HOUR * after, atol=2e-3)
@@ -48,7 +43,7 @@ def check(ds: xr.Dataset | str, after: float = 0.0, **options: object) -> xr.Dat
 # points, levels and times
 
 
-def shifted(x: float = 0.0, y: float = 0.0, *, flip: bool = False) -> xr.Dataset:
+def shifted(x=0.0, y=0.0, *, flip=False):
     """v on points shifted by part of a grid length, under coordinates of other names."""
     ds = base()
     v = ds.v.interp(
@@ -63,16 +58,16 @@ def shifted(x: float = 0.0, y: float = 0.0, *, flip: bool = False) -> xr.Dataset
     return ds.drop_vars("v").assign(v=v.assign_attrs(ds.v.attrs))
 
 
-def levels(scale: float = 1.0, **attrs: str) -> xr.Dataset:
+def levels(scale=1.0, **attrs):
     ds = base()
     return ds.assign_coords(level=("level", ds.level.values * scale, attrs))
 
 
-def times(values: list[object], **attrs: str) -> xr.Dataset:
+def times(values, **attrs):
     return base().isel(time=[0]).assign_coords(time=("time", np.array(values), attrs))
 
 
-def radians() -> xr.Dataset:
+def radians():
     ds = base()
     return ds.assign_coords(
         {
@@ -82,14 +77,14 @@ def radians() -> xr.Dataset:
     )
 
 
-def filled() -> xr.Dataset:
+def filled():
     """-999 in the rows to the south of all reports; between them and the fill there is no wind."""
     ds = base()
     ds["u"][:, :, :5, :] = -999.0
     return ds
 
 
-def two_experiments() -> xr.Dataset:
+def two_experiments():
     """ERA5 and ERA5T of the former store: each time is in one of them, NaN in the other."""
     ds = base()
     parts = [ds.where(ds.time == ds.time[n]) for n in range(2)]
@@ -99,7 +94,7 @@ def two_experiments() -> xr.Dataset:
     return both
 
 
-def native(style: str) -> xr.Dataset:
+def native(style):
     """Native levels in several ways; winds are linear in ln p in every column."""
     eta = np.linspace(0.02, 1.0, 9)
     a, b = 20000.0 * (1 - eta) * eta, eta**1.5
@@ -145,7 +140,7 @@ def native(style: str) -> xr.Dataset:
 # files of archives and programs
 
 
-def cds_new() -> xr.Dataset:
+def cds_new():
     """The Climate Data Store since 2024."""
     ds = base().rename(time="valid_time", level="pressure_level")
     ds["pressure_level"] = ds.pressure_level.astype(float)
@@ -162,7 +157,7 @@ def cds_new() -> xr.Dataset:
     return ds.assign_coords(number=((), 0), expver=("valid_time", np.array(["0001", "0001"])))
 
 
-def renamed(attrs: Mapping[str, Mapping[str, object]], **names: str) -> xr.Dataset:
+def renamed(attrs, **names):
     """The Dataset under other names, with other attributes by new name."""
     ds = base().rename({"latitude": "lat", "longitude": "lon", "level": "lev"} | names)
     for name, new in attrs.items():
@@ -170,7 +165,7 @@ def renamed(attrs: Mapping[str, Mapping[str, object]], **names: str) -> xr.Datas
     return ds
 
 
-def ncep() -> xr.Dataset:
+def ncep():
     """NCEP reanalysis: millibars, north to south, levels from the ground up."""
     wind = {"units": "m/s", "statistic": "Individual Obs"}
     attrs = {f"{c}wnd": wind | {"long_name": f"4xDaily {c.upper()}-wind"} for c in "uv"}
@@ -180,21 +175,21 @@ def ncep() -> xr.Dataset:
     return ds.assign_coords(lon=np.mod(ds.lon, 360))
 
 
-def merra() -> xr.Dataset:
+def merra():
     level = {"units": "hPa", "long_name": "vertical level", "standard_name": "PLE_level"}
     wind = {c: f"{w}ward_wind" for c, w in (("U", "east"), ("V", "north"))}
     attrs = {c: {"units": "m s-1", "standard_name": name} for c, name in wind.items()}
     return renamed(attrs | {"lev": level}, u="U", v="V")
 
 
-def pascals(attrs: Mapping[str, Mapping[str, object]], level: str, **names: str) -> xr.Dataset:
+def pascals(attrs, level, **names):
     ds = renamed({}, level=level, **names).assign_coords({level: LEVELS * 100.0})
     for name, new in attrs.items():
         ds[name].attrs |= new
     return ds
 
 
-def ncl() -> xr.Dataset:
+def ncl():
     """GRIB by NCL."""
     names = {f"{c}GRD_P0_L100_GLL0": f"{c}-component of wind" for c in "UV"}
     attrs = {name: {"units": "m s-1", "long_name": words} for name, words in names.items()}
@@ -206,7 +201,7 @@ def ncl() -> xr.Dataset:
     return ds
 
 
-def grads() -> xr.Dataset:
+def grads():
     """GrADS' server (NOMADS): units are at the end of the long name."""
     words = "** (1000 975 950 925 900..) {}-component of wind [m/s] "
     attrs = {f"{c}grdprs": {"long_name": words.format(c)} for c in "uv"}
@@ -214,14 +209,14 @@ def grads() -> xr.Dataset:
     return renamed(attrs, u="ugrdprs", v="vgrdprs")
 
 
-def knots() -> xr.Dataset:
+def knots():
     ds = base()
     for name in "uv":
         ds[name] = (ds[name] / (1852 / 3600)).assign_attrs(ds[name].attrs | {"units": "knots"})
     return ds
 
 
-def other_levels_too() -> xr.Dataset:
+def other_levels_too():
     """Winds at 10 m, above the ground by pressure, and on potential vorticity."""
     ds = base()
     wind = {"units": "m/s", "long_name": "u-component of wind @ other"}
@@ -235,18 +230,18 @@ def other_levels_too() -> xr.Dataset:
     ).assign_coords(layer=("layer", [3000.0, 6000.0], layer))
 
 
-def cdo_time() -> xr.Dataset:
+def cdo_time():
     ds = base().assign_coords(time=[20221111.0, 20221111 + 1 / 24])
     ds["time"].attrs = {"units": "day as %Y%m%d.%f", "standard_name": "time"}
     return ds
 
 
-def no_leap(calendar: type = cftime.DatetimeNoLeap, month: int = 11, day: int = 11) -> xr.Dataset:
+def no_leap(calendar=cftime.DatetimeNoLeap, month=11, day=11):
     dates = np.array([calendar(2022, month, day, hour) for hour in (0, 1)], dtype=object)
     return base().assign_coords(time=("time", dates))
 
 
-LAYOUTS: dict[str, Callable[[], xr.Dataset]] = {
+LAYOUTS = {
     "plain": base,
     "u and v half a cell apart in x": lambda: shifted(x=0.5),
     "u and v half a cell apart in y": lambda: shifted(y=0.5),
@@ -289,21 +284,21 @@ LAYOUTS: dict[str, Callable[[], xr.Dataset]] = {
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_every_layout_gives_the_same_winds(layout: str) -> None:
+def test_every_layout_gives_the_same_winds(layout):
     found = check(LAYOUTS[layout]())
     assert found["lead_time"].values[0] == pytest.approx(0.0)
 
 
-def test_the_second_of_preliminary_and_final_data() -> None:
+def test_the_second_of_preliminary_and_final_data():
     check(two_experiments(), after=1.0)
 
 
-def test_a_year_of_360_days_is_refused() -> None:
+def test_a_year_of_360_days_is_refused():
     with pytest.raises(InputError, match="360 days"):
         collocated(no_leap(cftime.Datetime360Day, 2, 30))
 
 
-def test_assumptions_about_levels_are_in_the_notes() -> None:
+def test_assumptions_about_levels_are_in_the_notes():
     notes = airswing.build_catalogue(levels(), name="x").notes
     assert notes == ["level has no units: taken as hPa from its values"]
     with pytest.raises(InputError, match=r"end at 10 hPa.*units: \{level: hPa\}"):
@@ -313,7 +308,7 @@ def test_assumptions_about_levels_are_in_the_notes() -> None:
 # runs, leads and members
 
 
-def prediction(steps: np.ndarray, **attrs: str) -> xr.Dataset:
+def prediction(steps, **attrs):
     """WeatherBench2: time is the run; naming it does not drop the leads."""
     ds = base().rename(time="prediction_timedelta").assign_coords(prediction_timedelta=steps)
     ds["prediction_timedelta"].attrs = attrs
@@ -323,7 +318,7 @@ def prediction(steps: np.ndarray, **attrs: str) -> xr.Dataset:
 
 
 RUN = {"standard_name": "forecast_reference_time"}
-FORECASTS: dict[str, Callable[[], xr.Dataset]] = {
+FORECASTS = {
     "cfgrib": lambda: (
         base()
         .rename(time="step")
@@ -347,7 +342,7 @@ FORECASTS: dict[str, Callable[[], xr.Dataset]] = {
 
 
 @pytest.mark.parametrize("style", sorted(FORECASTS))
-def test_runs_and_leads(style: str) -> None:
+def test_runs_and_leads(style):
     ds = FORECASTS[style]()
     for naming in ({}, {"time": "time"}) if style.startswith("Weather") else ({},):
         found = check(ds, after=1.0, naming=naming)
@@ -356,7 +351,7 @@ def test_runs_and_leads(style: str) -> None:
         airswing.build_catalogue(ds, name="m", lead=">= 3 h")
 
 
-def test_the_shortest_of_several_leads() -> None:
+def test_the_shortest_of_several_leads():
     early = base().assign(u=base().u + 50).expand_dims(reftime=[START - 6 * HOUR])
     late = base().expand_dims(reftime=[START])
     ds = xr.concat([early, late], "reftime")
@@ -367,7 +362,7 @@ def test_the_shortest_of_several_leads() -> None:
 
 
 @pytest.mark.parametrize("name", ["number", "realization", "ensemble_member"])
-def test_the_member_asked_for(name: str) -> None:
+def test_the_member_asked_for(name):
     ds = xr.concat([base().assign(u=base().u + 30 * n) for n in (1, 0, 2)], name)
     ds = ds.assign_coords({name: [4, 7, 9]}).transpose("time", name, ...)
     check(ds, member=7)
@@ -377,7 +372,7 @@ def test_the_member_asked_for(name: str) -> None:
         airswing.build_catalogue(ds, name="m", member=5)
 
 
-def test_packed_integers_and_fill_values(tmp_path: Path) -> None:
+def test_packed_integers_and_fill_values(tmp_path):
     ds = base()
     ds["u"][0, :, 4, 5] = np.nan
     packing = {"dtype": "i2", "scale_factor": 0.002, "add_offset": 3.0, "_FillValue": -32767}
@@ -393,7 +388,7 @@ def test_packed_integers_and_fill_values(tmp_path: Path) -> None:
 # keys of the configuration
 
 
-def test_names_in_the_configuration() -> None:
+def test_names_in_the_configuration():
     names = {"u": "speed_1", "v": "speed_2", "level": "l", "latitude": "a", "longitude": "o"}
     ds = base().rename(names | {"time": "t"})
     for name in names.values():
@@ -415,12 +410,12 @@ def test_names_in_the_configuration() -> None:
         ({"projection": "+proj=lcc +lat_1=30 +lat_2=60"}, "units of another quantity than length"),
     ],
 )
-def test_keys_are_honoured_or_refused_by_name(naming: dict[str, object], expected: str) -> None:
+def test_keys_are_honoured_or_refused_by_name(naming, expected):
     with pytest.raises(InputError, match=expected):
         airswing.build_catalogue(base(), name="x", naming=naming)
 
 
-def test_a_projection_that_the_points_do_not_have() -> None:
+def test_a_projection_that_the_points_do_not_have():
     ds = base()
     lat, lon = xr.broadcast(ds.latitude, ds.longitude)
     ds = ds.rename(latitude="y", longitude="x").drop_vars(["y", "x"])
@@ -447,9 +442,7 @@ def test_a_projection_that_the_points_do_not_have() -> None:
         (("", ""), None, "earth", False),
     ],
 )
-def test_whether_winds_point_along_the_grid(
-    standard: tuple[str, str], flag: int | None, configured: str | None, along: bool
-) -> None:
+def test_whether_winds_point_along_the_grid(standard, flag, configured, along):
     ds = projected("lambert")
     for name, one in zip(("ua", "va"), standard, strict=True):
         ds[name].attrs["standard_name"] = one

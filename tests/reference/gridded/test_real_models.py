@@ -1,7 +1,5 @@
 """Files of real models that other people wrote, against their programs or against numpy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,11 +15,11 @@ Real = Callable[[str], Path]
 RNG = np.random.default_rng(5)
 
 
-def at(when: np.datetime64, lat: np.ndarray, lon: np.ndarray, p: np.ndarray) -> xr.Dataset:
+def at(when, lat, lon, p):
     return points(lat, lon, p).assign(time=("report", np.full(lat.size, when.astype("M8[ns]"))))
 
 
-def test_wrf_pythons_own_winds_and_pressure(real: Real) -> None:
+def test_wrf_pythons_own_winds_and_pressure(real):
     """wrf-python's ua, va turned (uvmet) and pressure, at the grid points of its file."""
     path = real("models/wrfpython_ci_test_file.nc")
     with (
@@ -44,7 +42,7 @@ def test_wrf_pythons_own_winds_and_pressure(real: Real) -> None:
     assert found.lead_time.values[0] == pytest.approx(12.0)  # of START_DATE
 
 
-def test_meps_hybrid_levels_by_hand(real: Real) -> None:
+def test_meps_hybrid_levels_by_hand(real):
     path = real("models/fimex_meps_65ml_lambert.nc")
     with xr.open_dataset(path) as ds:
         member = ds.isel(time=0, ensemble_member=1)
@@ -79,9 +77,7 @@ def test_meps_hybrid_levels_by_hand(real: Real) -> None:
         ),
     ],
 )
-def test_pressure_levels_by_hand(
-    name: str, u: str, v: str, dims: tuple[str, ...], real: Real
-) -> None:
+def test_pressure_levels_by_hand(name, u, v, dims, real):
     path = real(f"models/{name}")
     with xr.open_dataset(path) as ds:
         when = ds.time.values[0]
@@ -106,9 +102,7 @@ def test_pressure_levels_by_hand(
         ("grib/nam_g211_20180917_00z.grib2", "2018-09-17", (25, 45, -120, -80)),
     ],
 )
-def test_the_scanner_and_cfgrib_give_the_same_winds(
-    name: str, when: str, box: tuple[float, ...], real: Real, tmp_path: Path
-) -> None:
+def test_the_scanner_and_cfgrib_give_the_same_winds(name, when, box, real, tmp_path):
     """Many cycles and leads in one GRIB file; a Lambert grid whose winds point along it."""
     lat, lon = RNG.uniform(*box[:2], 200), RNG.uniform(*box[2:], 200)
     reports = at(np.datetime64(when), lat, lon, RNG.uniform(31000, 99000, 200))
@@ -124,7 +118,7 @@ def test_the_scanner_and_cfgrib_give_the_same_winds(
     np.testing.assert_array_equal(*found.lead_time.values)
 
 
-def test_a_lambert_grid_as_cfgrib_opens_it(real: Real, tmp_path: Path) -> None:
+def test_a_lambert_grid_as_cfgrib_opens_it(real, tmp_path):
     """Latitudes and longitudes of every point, the projection in GRIB attributes."""
     path = str(real("grib/nam_g211_20180917_00z.grib2"))
     keys = [{"typeOfLevel": "isobaricInhPa", "cfVarName": name} for name in "uv"]

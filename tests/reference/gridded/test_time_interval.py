@@ -1,10 +1,7 @@
 """What an interval of three or six hours costs: winds of a known course in time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-import xarray as xr
 
 import airswing
 from airswing.evaluation.time_interval import interval_cost
@@ -13,7 +10,7 @@ from tests.reference.gridded.datasets import START, latlon, points
 LAT, LON = np.arange(30.0, 50.1, 5.0), np.arange(-110.0, -79.9, 5.0)
 
 
-def model(course: np.ndarray) -> xr.Dataset:
+def model(course):
     """u follows a course in time, v is still."""
     ds = latlon(latitude=LAT, longitude=LON, hours=course.size)
     ds["u"] = ds.u.copy(data=np.broadcast_to(course[:, None, None, None], ds.u.shape).astype("f4"))
@@ -21,12 +18,12 @@ def model(course: np.ndarray) -> xr.Dataset:
     return ds
 
 
-def reports(hours: np.ndarray) -> xr.Dataset:
+def reports(hours):
     found = points(np.full(hours.size, 40.0), -95.0, 50000.0)
     return found.assign(time=("report", START + (hours * 3600e9).astype("m8[ns]")))
 
 
-def test_a_parabola_by_hand() -> None:
+def test_a_parabola_by_hand():
     """u = t2: over an interval h the chord lies (t - t0)(t1 - t) above the curve."""
     hours = np.arange(25.0)
     catalogue = airswing.build_catalogue(model(0.1 * hours**2), name="m")
@@ -42,7 +39,7 @@ def test_a_parabola_by_hand() -> None:
             assert rms == pytest.approx(np.sqrt(np.mean(some**2)), abs=1e-3)
 
 
-def test_steady_change_costs_nothing_and_three_hourly_winds_cannot_tell() -> None:
+def test_steady_change_costs_nothing_and_three_hourly_winds_cannot_tell():
     steady = airswing.build_catalogue(model(np.arange(13.0)), name="m")
     some = reports(np.linspace(0.5, 11.5, 40))
     assert all(row["rms_vector_difference_m_s"] < 1e-3 for row in interval_cost(some, steady))

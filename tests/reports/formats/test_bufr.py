@@ -1,11 +1,5 @@
 """BUFR: the real files against eccodes' own decoding, every template, and damaged messages."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import eccodes
 import numpy as np
 import pandas as pd
@@ -19,12 +13,12 @@ from airswing.reports import read_file, read_reports
 from airswing.reports.formats.bufr import decode_messages
 
 
-def test_the_real_file_agrees_with_eccodes_report_by_report(real: Callable[[str], Path]):
+def test_the_real_file_agrees_with_eccodes_report_by_report(real):
     path = real("reports/amdar_20090123_europe.bufr")
     tails = ("aircraftRegistrationNumberOrOtherIdentification", "aircraftFlightNumber")
     numbers = ("latitude", "longitude", "hour", "minute", "windSpeed", "airTemperature")
 
-    def value(message: int, key: str) -> Any:
+    def value(message, key):
         try:
             return eccodes.codes_get(message, f"#1#{key}")
         except eccodes.KeyValueNotFoundError:
@@ -74,7 +68,7 @@ def test_every_small_template(real, name, tail, time, altitude, speed, codes):
     assert read_reports(real(f"reports/dballe_{name}.bufr"))["phase"].item() == codes[0]
 
 
-def encoded(path: Path, template: int, values: dict[str, Any], **header: Any) -> Path:
+def encoded(path, template, values, **header):
     """Write a message of a template; values by key with its number, ``#1#latitude``."""
     message = eccodes.codes_bufr_new_from_samples("BUFR4")
     first = {"masterTablesVersionNumber": 33, "localTablesVersionNumber": 0, "dataCategory": 4}
@@ -93,7 +87,7 @@ def encoded(path: Path, template: int, values: dict[str, Any], **header: Any) ->
 
 
 @pytest.mark.parametrize("compressed", [0, 1])
-def test_the_current_template_with_several_subsets(tmp_path: Path, compressed: int):
+def test_the_current_template_with_several_subsets(tmp_path, compressed):
     columns = dict(
         aircraftTailNumber=["N1", "N2", "N2"],
         aircraftFlightNumber=["F1", "F2", "F3"],
@@ -134,7 +128,7 @@ def test_the_current_template_with_several_subsets(tmp_path: Path, compressed: i
     assert ds["time"].to_numpy()[2] == np.datetime64("2021-02-01T12:00:01")
 
 
-def test_a_broken_message_does_not_lose_the_others(tmp_path: Path, real: Callable[[str], Path]):
+def test_a_broken_message_does_not_lose_the_others(tmp_path, real):
     good = real("reports/dballe_ecmwf-amdar1.bufr").read_bytes()
     assert good.count(b"\xcb\x01") == 1  # the template's descriptor 3 11 001
     unknown = good.replace(b"\xcb\x01", b"\xcb\xfe")
@@ -144,7 +138,7 @@ def test_a_broken_message_does_not_lose_the_others(tmp_path: Path, real: Callabl
     assert (audit.read, audit.dropped) == (3, {"undecodable_message": 2})
 
 
-def test_a_message_that_ends_the_process_costs_one_report(tmp_path: Path):
+def test_a_message_that_ends_the_process_costs_one_report(tmp_path):
     """Wrong lengths of sections 1 and 3: ecCodes reads outside the message and ends the process."""
     path = tmp_path / "a.bufr"
     bufr_file(path)
@@ -164,13 +158,11 @@ def test_a_message_that_ends_the_process_costs_one_report(tmp_path: Path):
 
 @pytest.mark.parametrize("template", [311008, 311009])
 @pytest.mark.parametrize("number", [3, 1])
-def test_each_level_of_a_profile_has_its_own_wind_and_place(
-    tmp_path: Path, template: int, number: int
-):
+def test_each_level_of_a_profile_has_its_own_wind_and_place(tmp_path, template, number):
     """An AMDAR profile: altitude, direction, speed and, in 3 11 009, a place each level."""
     header = dict(year=2024, month=7, day=1, hour=10, minute=20, second=0)
     header |= dict(latitude=52.3, longitude=4.76, phaseOfAircraftFlight=5)
-    values: dict[str, Any] = {f"#1#{key}": value for key, value in header.items()}
+    values = {f"#1#{key}": value for key, value in header.items()}
     values["aircraftRegistrationNumberOrOtherIdentification"] = "EU7777"
     for n in range(number):
         values |= {f"#{n + 1}#flightLevel": 300 + 400 * n, f"#{n + 1}#windSpeed": 5.0 + n}

@@ -1,12 +1,8 @@
 """What holds for every format: recognition, compression, columns, counts, damaged files."""
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import json
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -21,11 +17,11 @@ from airswing.reports import read_file
 from airswing.reports.formats import formats
 
 
-def text(content: str) -> Callable[[Path], object]:
+def text(content):
     return lambda path: path.write_text(content)
 
 
-WRITERS: dict[str, Callable[[Path], object]] = {
+WRITERS = {
     "csv": lambda path: write(path, flight()),
     "parquet": lambda path: flight().to_parquet(path),
     "madis": made,
@@ -50,7 +46,7 @@ def test_every_format_is_here():
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_file_of_each_format(tmp_path: Path, name: str):
+def test_a_file_of_each_format(tmp_path, name):
     path = tmp_path / "file"
     WRITERS[name](path)
     frame, audit = read_file(path)
@@ -79,7 +75,7 @@ def test_a_file_of_each_format(tmp_path: Path, name: str):
 
 
 @pytest.mark.parametrize("name", sorted(set(WRITERS) - {"csv"}))
-def test_a_format_that_is_not_the_files_ends_in_one_message(tmp_path: Path, name: str):
+def test_a_format_that_is_not_the_files_ends_in_one_message(tmp_path, name):
     (tmp_path / "table.csv").write_text("tail,time\nN1,2009-01-05T12:00:00Z\n")
     with pytest.raises(InputError, match=r"table\.csv") as error:
         read_file(tmp_path / "table.csv", format=name)

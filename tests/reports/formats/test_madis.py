@@ -1,11 +1,6 @@
 """MADIS ACARS: the real file whole against an independent reading, and later versions made up."""
 
-from __future__ import annotations
-
 import gzip
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import netCDF4
 import numpy as np
@@ -35,7 +30,7 @@ CODES_OF_THE_REAL_FILE = {  # counted by another program; see the notes beside t
 }
 
 
-def test_the_real_file_agrees_with_an_independent_reading(real: Callable[[str], Path]):
+def test_the_real_file_agrees_with_an_independent_reading(real):
     ds = read_reports(real(REAL))
     audit = audit_of(ds)
     assert (audit["reports_read"], ds.sizes["aircraft"]) == (2304, 298)
@@ -74,7 +69,7 @@ def test_the_real_file_agrees_with_an_independent_reading(real: Callable[[str], 
         )
 
 
-def made(path: Path, **variables: Any) -> Path:
+def made(path, **variables):
     """A small file in the style of later versions; text is written as bytes of its codes."""
     plain = {
         "timeObs": 1231156800.0 + 60.0 * np.arange(4),
@@ -99,7 +94,7 @@ def made(path: Path, **variables: Any) -> Path:
     return path
 
 
-def test_platform_by_data_source(tmp_path: Path, real: Callable[[str], Path]):
+def test_platform_by_data_source(tmp_path, real):
     path = real("reports/madis_acars_20050826_00z.nc.gz")
     ds = read_reports(path)
     with netCDF4.Dataset("memory", memory=gzip.open(path).read()) as file:
@@ -126,7 +121,7 @@ ERRORS |= {"dataDescriptor": "RRRX", "errorType": "....", "correctedFlag": "rflr
         (ERRORS, [1, 0, 2, 2], [1, 2, 0, 2], {"correctedFlag": {"r": 2, "f": 1, "l": 1}}),
     ],
 )
-def test_letters_of_descriptors_and_errors(tmp_path: Path, letters, temperature, wind, codes):
+def test_letters_of_descriptors_and_errors(tmp_path, letters, temperature, wind, codes):
     ds = read_reports(made(tmp_path / "a.nc", rollFlag="GBN-", **letters))
     assert ds["temperature_qc"].to_numpy().tolist() == temperature
     assert ds["wind_qc"].to_numpy().tolist() == wind
@@ -134,7 +129,7 @@ def test_letters_of_descriptors_and_errors(tmp_path: Path, letters, temperature,
     assert codes.items() <= audit_of(ds)["flags"].items()
 
 
-def test_true_airspeed_where_present_and_fill_values(tmp_path: Path):
+def test_true_airspeed_where_present_and_fill_values(tmp_path):
     ds = read_reports(
         made(
             tmp_path / "a.nc",
@@ -148,14 +143,14 @@ def test_true_airspeed_where_present_and_fill_values(tmp_path: Path):
     assert audit_of(ds)["dropped"] == {"missing_time": 1}
 
 
-def test_another_netcdf_is_refused_with_what_it_lacks(tmp_path: Path):
+def test_another_netcdf_is_refused_with_what_it_lacks(tmp_path):
     xr.Dataset({"u": ("x", [1.0])}).to_netcdf(tmp_path / "a.nc")
     with pytest.raises(InputError, match=r"windSpeed.*is not a MADIS .*variables u\).*or of IODA"):
         read_reports(tmp_path / "a.nc")
 
 
 @pytest.mark.parametrize("format", ["NETCDF3_CLASSIC", "NETCDF4"])
-def test_a_file_that_xarray_wrote_again_reads_the_same(tmp_path: Path, real, format):
+def test_a_file_that_xarray_wrote_again_reads_the_same(tmp_path, real, format):
     with xr.open_dataset(real(REAL), decode_cf=False) as raw:
         raw["windSpeed"] = raw["windSpeed"].astype("f8")
         raw["rollFlag"] = raw["rollFlag"].astype("i4")
@@ -173,7 +168,7 @@ def test_a_file_that_xarray_wrote_again_reads_the_same(tmp_path: Path, real, for
         ("rollFlag", (("recNum", "levels"), np.ones((4, 3), "i1")), "not one value a report"),
     ],
 )
-def test_a_variable_of_another_type_or_shape_is_named(tmp_path: Path, name, values, message):
+def test_a_variable_of_another_type_or_shape_is_named(tmp_path, name, values, message):
     with xr.open_dataset(made(tmp_path / "a.nc"), decode_times=False) as raw:
         raw.assign({name: values}).to_netcdf(tmp_path / "b.nc")
     with pytest.raises(InputError, match=f"{name}: .*{message}"):

@@ -1,9 +1,6 @@
 """Garmin logs, receivers' traces, Mode-S messages, Flightradar24, DART and IODA."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import netCDF4
 import numpy as np
@@ -19,7 +16,7 @@ NORTH_AT_120 = (np.hypot(120, 20), np.degrees(np.arctan2(20.0, 120.0)))
 """Ground speed (kt) and track of 120 kt north in a wind of 20 kt from the west."""
 
 
-def g1000_log(path: Path, *, altitude: str = "AltB", version: str = "1.00") -> Path:
+def g1000_log(path, *, altitude="AltB", version="1.00"):
     """Five minutes north at 120 kt true, wind 20 kt from the west, declination 14 W."""
     lines = [
         f'#airframe_info,log_version="{version}",airframe_name="Cessna 172S",system_id="0A1B2C"',
@@ -45,7 +42,7 @@ def g1000_log(path: Path, *, altitude: str = "AltB", version: str = "1.00") -> P
 
 
 @pytest.mark.parametrize("variant", [{}, {"altitude": "AltInd", "version": "1.03"}])
-def test_a_log_of_a_g1000(tmp_path: Path, variant: dict[str, str]):
+def test_a_log_of_a_g1000(tmp_path, variant):
     reports = read_reports(g1000_log(tmp_path / "log_110313_030600_KBOS.csv", **variant))
     assert reports["aircraft"].values.tolist() == ["0A1B2C"]
     assert reports.sizes["report"] == 295
@@ -67,7 +64,7 @@ UTC Date,UTC Time,Latitude,Longitude,GndSpd,TRK,HDG,AltMSL,TAS
 """
 
 
-def test_a_log_of_a_g5_has_a_true_track_and_a_magnetic_heading(tmp_path: Path):
+def test_a_log_of_a_g5_has_a_true_track_and_a_magnetic_heading(tmp_path):
     (tmp_path / "g5.csv").write_text(G5)
     reports = read_reports(tmp_path / "g5.csv", columns={"tail": {"value": "N5"}})
     assert reports["aircraft"].values.tolist() == ["N5"]
@@ -76,7 +73,7 @@ def test_a_log_of_a_g5_has_a_true_track_and_a_magnetic_heading(tmp_path: Path):
     np.testing.assert_allclose(speed, 31.8, atol=0.1)
 
 
-def trace() -> dict[str, object]:
+def trace():
     other = {"mag_heading": 0.0, "ias": 250.0, "tas": 400.0, "oat": -44.0, "flight": "KLM1 "}
     points = [[10.0 * k, 52.0 + 0.02 * k, 4.0, 30000, 400.0, 0.9, 0, 0, other] for k in range(5)]
     points += [[60.0, 52.2, 4.0, "ground", 0.0, 0.0, 0, 0, None]]
@@ -84,7 +81,7 @@ def trace() -> dict[str, object]:
     return {"icao": "~4840d6", "timestamp": 1484136000.0, "trace": points}
 
 
-def test_a_receivers_trace(tmp_path: Path):
+def test_a_receivers_trace(tmp_path):
     (tmp_path / "trace.json").write_text(json.dumps(trace()))
     reports = read_reports(tmp_path / "trace.json")
     assert reports["aircraft"].values.tolist() == ["4840D6"]
@@ -93,7 +90,7 @@ def test_a_receivers_trace(tmp_path: Path):
     assert np.isfinite(reports["eastward_wind"]).all()
 
 
-def messages() -> pd.DataFrame:
+def messages():
     """Positions, ground vectors, and headings of two aircraft in rows of their own."""
     rows = []
     for tail in ("4840d6", "3c6444"):
@@ -110,7 +107,7 @@ def messages() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def saved(folder: Path, kind: str) -> Path:
+def saved(folder, kind):
     path, table = folder / f"messages.{kind}", messages()
     if kind == "parquet":
         time = pd.to_datetime(table["timestamp"], unit="s", utc=True)
@@ -131,7 +128,7 @@ def saved(folder: Path, kind: str) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["parquet", "csv", "records", "columns", "jsonl"])
-def test_messages_of_one_aircraft_are_merged(tmp_path: Path, kind: str):
+def test_messages_of_one_aircraft_are_merged(tmp_path, kind):
     frame, audit = read_file(saved(tmp_path, kind))
     assert sorted(frame["tail"].unique()) == ["3c6444", "4840d6"]
     # After the last position there is none to interpolate to.
@@ -161,7 +158,7 @@ PLAYBACK = """Timestamp,UTC,Callsign,Position,Altitude,Speed,Direction
     ("name", "text", "tail"),
     [("20170205_71_positions.csv", GRANULAR, "20170205_71"), ("k.csv", PLAYBACK, "KLM1")],
 )
-def test_tables_of_flightradar24(tmp_path: Path, name: str, text: str, tail: str):
+def test_tables_of_flightradar24(tmp_path, name, text, tail):
     (tmp_path / name).write_text(text)
     reports = read_reports(tmp_path / name)
     assert reports["aircraft"].values.tolist() == [tail]
@@ -172,7 +169,7 @@ def test_tables_of_flightradar24(tmp_path: Path, name: str, text: str, tail: str
     assert "track over ground" in notes and "none of the 2 reports has a wind" in notes
 
 
-def sequence(kinds: str = "obs_type_definitions") -> str:
+def sequence(kinds="obs_type_definitions"):
     """Two reports with wind, one with a temperature of its own, one radiosonde."""
     head = f"""obs_sequence
 {kinds}
@@ -198,7 +195,7 @@ NCEP QC index
 
 
 @pytest.mark.parametrize("kinds", ["obs_type_definitions", "obs_kind_definitions"])
-def test_a_dart_observation_sequence(tmp_path: Path, kinds: str):
+def test_a_dart_observation_sequence(tmp_path, kinds):
     (tmp_path / "obs_seq.out").write_text(sequence(kinds))
     frame, audit = read_file(tmp_path / "obs_seq.out")
     assert audit.dropped == {"other_type": 1}
@@ -213,9 +210,9 @@ def test_a_dart_observation_sequence(tmp_path: Path, kinds: str):
     assert frame["tail"].tolist() == ["N1", "N1"]
 
 
-def ioda(path: Path, *, old: bool = False) -> Path:
+def ioda(path, *, old=False):
     """Three reports of two aircraft, in the groups of today or in names of earlier versions."""
-    variables: dict[str, tuple[str, str, object, list[object]]] = {
+    variables = {
         "latitude": ("MetaData", "latitude", "f4", [40.0, 40.1, 41.0]),
         "longitude": ("MetaData", "longitude", "f4", [260.0, 260.1, 261.0]),
         "dateTime": ("MetaData", "datetime", "i8", [1, 180, 360]),
@@ -242,7 +239,7 @@ def ioda(path: Path, *, old: bool = False) -> Path:
 
 
 @pytest.mark.parametrize("old", [False, True])
-def test_an_ioda_file(tmp_path: Path, old: bool):
+def test_an_ioda_file(tmp_path, old):
     frame, audit = read_file(ioda(tmp_path / "aircraft.nc4", old=old))
     assert audit.formats == {"ioda": 1}
     assert frame["tail"].tolist() == ["A1", "A1", "B2"]

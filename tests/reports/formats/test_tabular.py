@@ -1,11 +1,8 @@
 """CSV and Parquet: text stays text, broken rows are counted, broken files are named."""
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -20,14 +17,14 @@ from airswing.reports.formats import tabular
 CSV = flight().to_csv(index=False)
 
 
-def test_tails_stay_text(tmp_path: Path):
+def test_tails_stay_text(tmp_path):
     tails = ["NA", "007", "7", "1E5", "nan", "None", "TRUE", "N412XJ", "-"]
     ds = read_reports(write(tmp_path / "a.csv", [row(tail=tail) for tail in tails]))
     assert sorted(ds["aircraft"].to_numpy()) == sorted(tails)
     assert audit_of(ds)["dropped"] == {}
 
 
-def test_rows_of_another_length(tmp_path: Path):
+def test_rows_of_another_length(tmp_path):
     lines = CSV.splitlines()
     lines[1] += ",1"
     lines[5] += ",1,2,3"
@@ -42,7 +39,7 @@ def test_rows_of_another_length(tmp_path: Path):
     assert audit["missing"]["eastward_wind"] == 1
 
 
-def test_unreadable_numbers_are_missing_and_counted(tmp_path: Path):
+def test_unreadable_numbers_are_missing_and_counted(tmp_path):
     table = flight().astype({"wind_speed_kt": object, "latitude": object})
     table.loc[[2, 3], "wind_speed_kt"] = ["fast", "M"]
     table.loc[4, "latitude"] = "41.5N"
@@ -53,14 +50,14 @@ def test_unreadable_numbers_are_missing_and_counted(tmp_path: Path):
     assert audit["missing"]["eastward_wind"] == 2
 
 
-def test_pieces_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_pieces_do_not_show(tmp_path, monkeypatch):
     path = write(tmp_path / "a.csv", flight(seconds=np.arange(50) * 60.0))
     whole = read_reports(path)
     monkeypatch.setattr(tabular, "ROWS_PER_PIECE", 7)
     xr.testing.assert_identical(read_reports(path), whole)
 
 
-def parquet_without_rows(path: Path) -> bytes:
+def parquet_without_rows(path):
     flight().iloc[:0].to_parquet(path)
     return path.read_bytes()
 
@@ -79,14 +76,14 @@ def parquet_without_rows(path: Path) -> bytes:
         (parquet_without_rows, "no reports"),
     ],
 )
-def test_a_broken_file_is_named(tmp_path: Path, content, message: str):
+def test_a_broken_file_is_named(tmp_path, content, message):
     path = tmp_path / "fleet.csv"
     path.write_bytes(content if isinstance(content, bytes) else content(path))
     with pytest.raises(InputError, match=rf"fleet\.csv.*{message}"):
         read_reports(path)
 
 
-def test_parquet_is_read_as_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_parquet_is_read_as_csv(tmp_path, monkeypatch):
     table = flight(tail="007", roll_flag="G", icing=1)
     table.to_parquet(tmp_path / "a.parquet")
     ds = read_reports(write(tmp_path / "a.csv", table)).drop_attrs(deep=False)
@@ -104,7 +101,7 @@ def test_parquet_is_read_as_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         read_reports(tmp_path / "a.parquet")
 
 
-def test_columns_that_stand_in_the_names_of_folders(tmp_path: Path):
+def test_columns_that_stand_in_the_names_of_folders(tmp_path):
     table = pd.concat([flight(tail="N 1/2"), flight(tail="007")])
     table.to_parquet(tmp_path / "archive", partition_cols=["tail"])
     divided = read_reports(tmp_path / "archive/**/*.parquet")
@@ -113,7 +110,7 @@ def test_columns_that_stand_in_the_names_of_folders(tmp_path: Path):
     xr.testing.assert_equal(divided, read_reports(tmp_path / "whole.parquet"))
 
 
-def test_forms_of_a_mapping(tmp_path: Path):
+def test_forms_of_a_mapping(tmp_path):
     table = pd.DataFrame(
         {
             "Date": ["2009-07-01"] * 3,
@@ -146,7 +143,7 @@ def test_forms_of_a_mapping(tmp_path: Path):
         read_reports(path, columns={**columns, "stream": {"only": "A"}})
 
 
-def test_times_in_another_notation(tmp_path: Path):
+def test_times_in_another_notation(tmp_path):
     whole = flight(time="01.03.2009 09:30").rename(columns={"time": "when"})
     path = write(tmp_path / "a.csv", whole)
     with pytest.raises(InputError, match=r"unparsable_time.*01\.03\.2009.*format: ") as error:
@@ -163,6 +160,6 @@ def test_times_in_another_notation(tmp_path: Path):
 @pytest.mark.parametrize(
     "content", ["# made by a program\n# of 2009\n" + CSV, "#" + CSV.replace("N412XJ,", "1,")]
 )
-def test_comments_before_the_header(tmp_path: Path, content: str):
+def test_comments_before_the_header(tmp_path, content):
     (tmp_path / "comments.csv").write_text(content)
     assert read_reports(tmp_path / "comments.csv").sizes["report"] == 10
