@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from airswing.products.netcdf import open_product
-from airswing.report.html.style import png_bytes
+from airswing.report.html import png_bytes
 from airswing.report.run.heading_error import heading_error_figure
 
 RESULTS = Path("results/quickstart")

@@ -178,7 +178,7 @@ def blank_cards():
         return 0
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("airswing.report.run.swing_cards.write_swing_cards", blank)
+        patch.setattr("airswing.report.run.heading_error.write_swing_cards", blank)
         yield
 
 

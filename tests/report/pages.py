@@ -11,7 +11,7 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
-from airswing.report.html import document
+from airswing.report import html
 
 UNIT = re.compile(
     r"\((degree|kt|m/s|m²/s²|km|hPa|K|%|date|number)\)|degree|reports|probability|correlation|"
@@ -71,7 +71,7 @@ def check_figure(figure: Any) -> None:
     assert "matplotlib.pyplot" not in sys.modules or not matplotlib.pyplot.get_fignums()
 
 
-class Drawn(document.Figures):
+class Drawn(html.Figures):
     """Figures of a page, checked, and kept by name in ``made``; ``last`` is the latest page."""
 
     last: Drawn

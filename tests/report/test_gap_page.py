@@ -8,12 +8,11 @@ import airswing
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import GapReport
 from airswing.products.netcdf import read_product
-from airswing.report import write_gap_page
+from airswing.report import html, write_gap_page
 from airswing.report.gap import words
 from airswing.report.gap.figures import gap_figures
 from airswing.report.gap.gap_page import ShownDiagnosis
 from airswing.report.gap.words import headline, parameters_text, verdict, who_text
-from airswing.report.html import document
 from tests.report import gap_factories
 from tests.report.gap_factories import TAILS, content, effect, iron, place, slice_entry
 from tests.report.pages import Drawn, check_figure, check_no_knots, check_page, labels
@@ -192,7 +191,7 @@ def full():
 
 
 def test_the_page_has_every_section_and_folds_the_statistics(tmp_path, monkeypatch):
-    monkeypatch.setattr(document, "Figures", Drawn)
+    monkeypatch.setattr(html, "Figures", Drawn)
     text, found = check_page(write_gap_page(tmp_path, gap=full(), maps=MAPS))
     names = ("what", "closure", "where", "ambiguous", "claims", "statistics")
     order = [text.index(f'<section id="{name}"') for name in names]
@@ -312,7 +311,7 @@ def test_the_page_of_a_real_diagnosis_and_the_same_in_a_notebook(gap_product, tm
     shown = object.__new__(ShownDiagnosis)
     for name, value in (("report", gap), ("dataset", maps)):
         object.__setattr__(shown, name, value)
-    html = shown._repr_html_()
-    assert html.count("<tr") == len(gap.effects) + len(gap.unknown.where) + 1
+    text = shown._repr_html_()
+    assert text.count("<tr") == len(gap.effects) + len(gap.unknown.where) + 1
     assert set(shown.figures) == set(gap_figures(gap, maps))
     assert airswing.diagnose.__doc__

@@ -138,7 +138,7 @@ def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went():
     assert "rises from" in selection.headline(fits, worse, "ruc")
     nothing = fits.assign(status=fits["status"] * 0 + STATUS["too_few_reports"])
     wrong = fits.assign(status=fits["status"] * 0 + STATUS["implausible_reports"])
-    none = selection.Total(np.nan, np.nan, np.nan, np.nan, 0)
+    none = selection.BeforeAfter(np.nan, np.nan, np.nan, np.nan, 0)
     assert "contradict the reference" in selection.headline(wrong, None, "ruc")
     for ds in (fits, nothing, wrong):
         for one in (total, worse, none, None):

@@ -16,7 +16,7 @@ from airswing.errors import InputError
 from airswing.evaluation import Evaluation
 from airswing.evaluation.innovations import innovation_statistics
 from airswing.flags import STATUS
-from airswing.report.html import document, style
+from airswing.report import html
 from airswing.report.run import page
 from airswing.report.run.innovations import innovations_section
 from airswing.report.run.selection import Run
@@ -37,7 +37,7 @@ def pages(tmp_path_factory):
     folder, given = tmp_path_factory.mktemp("pages"), {"headings": HEADINGS, "fits": FITS}
     given |= {"corrected": CORRECTED, "evaluation": evaluation}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(document, "Figures", Drawn)
+        patch.setattr(html, "Figures", Drawn)
         for units in ("kt", "m/s"):
             written = report.write_page(folder / units[0], **given, units=units)
             found[units] = check_page(written)[0], Drawn.last.made
@@ -166,9 +166,9 @@ def test_names_are_escaped_and_a_dollar_sign_begins_no_formula(tmp_path):
     headings, fits = (ds.assign_coords(aircraft=odd) for ds in factories.few(4))
     text, _ = check_page(report.write_page(tmp_path, headings=headings, fits=fits))
     assert "N_1^$2$" in text and "<script>x" not in text
-    figure = style.empty_figure("x").say("a < b & c (n = 0)")
-    html = document.Figures()("x", figure)
-    assert "a &lt; b &amp; c" in html and 'alt="a &lt; b' in html
+    figure = html.empty_figure("x").say("a < b & c (n = 0)")
+    shown = html.Figures()("x", figure)
+    assert "a &lt; b &amp; c" in shown and 'alt="a &lt; b' in shown
 
 
 def test_an_unwritable_folder_is_refused(tmp_path):

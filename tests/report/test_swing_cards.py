@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.report import write_swing_cards
+from airswing.report.run.heading_error import steer, swing_card
 from airswing.report.run.selection import Run
-from airswing.report.run.swing_cards import steer, swing_card
 from tests.report import factories
 
 HEADINGS, FITS = factories.few(3, 840)

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from airswing.report.run.evaluation import field_test_figure as field_test_figure
     from airswing.report.run.evaluation import pair_differences_figure as pair_differences_figure
     from airswing.report.run.heading_error import heading_error_figure as heading_error_figure
+    from airswing.report.run.heading_error import write_swing_cards as write_swing_cards
     from airswing.report.run.page import write_page as write_page
-    from airswing.report.run.swing_cards import write_swing_cards as write_swing_cards
 
 _MODULES = {
     "heading_error_figure": "run.heading_error",
     "field_test_figure": "run.evaluation",
     "pair_differences_figure": "run.evaluation",
-    "write_swing_cards": "run.swing_cards",
+    "write_swing_cards": "run.heading_error",
     "write_page": "run.page",
     "write_gap_page": "gap.gap_page",
 }

@@ -6,6 +6,7 @@ scores are those of the days held out.
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +16,8 @@ from matplotlib.figure import Figure
 
 from airswing.handover.forecasts.correcting import FORECASTS, METHODS, SCORES, TIME
 from airswing.products.whole_files import write_text
-from airswing.report.html import document as html
-from airswing.report.html import style
-from airswing.report.html.style import Look
-from airswing.report.html.text import amount, plural
+from airswing.report import html
+from airswing.report.html import Look, amount, plural
 from airswing.report.run.reading_warnings import tally
 from airswing.version import __version__
 
@@ -32,7 +31,7 @@ LONGEST = 120  # starts shown in a time series
 _PERIODS = {"held_out": "held out", "all": "all days"}
 
 
-@style.drawing()
+@html.drawing()
 def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
     """Write ``index.html`` of corrected forecasts; return its path."""
     first, last = np.datetime_as_string(corrected[TIME].to_numpy()[[0, -1]], "D")
@@ -71,24 +70,19 @@ def _plain(variable: object) -> str:
 def _scores_section(corrected: xr.Dataset) -> html.Section:
     titles = dict(zip(SCORES, ("bias", "centred rms", "rms", "skill"), strict=True))
     rows = []
-    for variable in corrected["variable"].to_numpy():
-        for period, days in _PERIODS.items():
-            for method in METHODS:
-                one = corrected.sel(variable=variable, period=period, correction=method)
-                row = {"variable": _plain(variable), "days": days, "forecast": NAMES[method]}
-                for name, title in titles.items():
-                    row[title] = amount(one[name], one[f"{name}_interval"].to_numpy().tolist())
-                rows.append(row | {"pairs": f"{int(one['pair_count']):,}"})
+    for variable, period, method in product(corrected["variable"].values, _PERIODS, METHODS):
+        one = corrected.sel(variable=variable, period=period, correction=method)
+        row = {"variable": _plain(variable), "days": _PERIODS[period], "forecast": NAMES[method]}
+        for name, title in titles.items():
+            row[title] = amount(one[name], one[f"{name}_interval"].to_numpy())
+        rows.append(row | {"pairs": f"{int(one['pair_count']):,}"})
     caption = (
         "Scores over all stations and leads, in the variable's unit, with 95 % intervals by blocks "
         "of days. Skill: one minus the mean square error over the raw forecast's. Grey italics: "
         "with the days that chose the filter's ratio."
     )
     lead = "Every method is judged on the same pairs; nothing observed after a start corrects it."
-    doubt, words = (
-        [row["days"] == _PERIODS["all"] for row in rows],
-        ("variable", "days", "forecast"),
-    )
+    doubt, words = [row["days"] == "all days" for row in rows], ("variable", "days", "forecast")
     scores = html.table(rows, words=words, caption=caption, doubt=doubt)
     return html.Section("scores", "Scores", lead, [scores])
 
@@ -128,8 +122,8 @@ def _notes_section(corrected: xr.Dataset) -> html.Section:
         "The filter follows a bias that wanders (Delle Monache et al. 2006, J. Geophys. Res. 111, "
         "D05308); it cannot follow a change of regime within a day or two."
     )
-    product = html.link("../postprocessed.nc", "postprocessed.nc: forecasts and scores")
-    return html.Section("notes", "Method", text, [html.listing(lines), html.listing([product])])
+    link = html.link("../postprocessed.nc", "postprocessed.nc: forecasts and scores")
+    return html.Section("notes", "Method", text, [html.listing(lines), html.listing([link])])
 
 
 def _with_unit(text: str, ds: xr.Dataset, variable: str) -> str:
@@ -140,7 +134,7 @@ def _with_unit(text: str, ds: xr.Dataset, variable: str) -> str:
 
 def _by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
     chosen = scored.sel(variable=variable, period="held_out")
-    figure, panels = style.panels(3.4, 1, 3, sharex=True)
+    figure, panels = html.panels(3.4, 1, 3, sharex=True)
     shown = {
         "forecast_error_mean": _with_unit("bias", scored, variable),
         "forecast_error_centred_rms": _with_unit("centred rms", scored, variable),
@@ -150,13 +144,13 @@ def _by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
         for index, method in enumerate(METHODS):
             if name == "skill" and method == "raw":
                 continue
-            one, (colour, marker) = chosen.sel(correction=method), style.series_style(index)
-            low, high = one[f"{name}_by_lead_interval"].to_numpy().T
-            axes.fill_between(one["lead"], low, high, color=colour, alpha=0.15, linewidth=0)
-            look = Look(color=colour, marker=marker, markersize=3.5, label=NAMES[method])
+            look = html.series(index, markersize=3.5, label=NAMES[method])
+            one, band = chosen.sel(correction=method), Look(color=look["color"], alpha=0.15)
+            ends = one[f"{name}_by_lead_interval"].to_numpy().T
+            axes.fill_between(one["lead"], *ends, linewidth=0, **band)
             axes.plot(one["lead"], one[f"{name}_by_lead"], **look)
         axes.set(title=label, xlabel="lead (h)")
-        style.zero_line(axes, across=True)
+        html.zero_line(axes, across=True)
     panels[0].legend(loc="best")
     return figure.say(
         f"{_plain(variable)}: scores by lead on the days held out, 95 % intervals by days "
@@ -165,29 +159,25 @@ def _by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
 
 
 def _time_line_figure(corrected: xr.Dataset, variable: str, station: int) -> Figure:
-    """Draw the daily error of one station before and after, the mean over lead times.
-
-    The axis reaches 3 times the 90th percentile of the errors: single gross errors are clipped.
-    """
     chosen = corrected.sel(variable=variable).isel(
         {"station": station, TIME: slice(-LONGEST, None)}
     )
-    figure, axes = style.panels(2.8)
+    figure, axes = html.panels(2.8)
     starts, known, sizes = chosen[TIME].to_numpy(), 0, [np.zeros(1)]
     for index, method in enumerate(METHODS):
         error = chosen[FORECASTS[method]] - chosen["observation"]
         mean, known = error.mean("lead").to_numpy(), int(error.notnull().sum())
         sizes.append(np.abs(mean[np.isfinite(mean)]))
-        colour, marker = style.series_style(index)
-        look = Look(color=colour, marker=marker, markersize=3, linewidth=1.2)
-        axes.plot(starts, mean, label=NAMES[method], **look)
+        look = html.series(index, markersize=3, linewidth=1.2, label=NAMES[method])
+        axes.plot(starts, mean, **look)
     judged = chosen["held_out"].to_numpy().astype(bool)
     if judged.any() and not judged.all():
-        first, look = starts[judged][0], Look(color=style.SOFT, fontsize=8.5, va="top")
-        axes.axvline(first, color=style.SOFT, linewidth=1.0, linestyle="--")
+        first, look = starts[judged][0], Look(color=html.SOFT, fontsize=8.5, va="top")
+        axes.axvline(first, color=html.SOFT, linewidth=1.0, linestyle="--")
         axes.annotate(" held out", (first, 1.0), xycoords=("data", "axes fraction"), **look)
-    style.zero_line(axes, across=True)
+    html.zero_line(axes, across=True)
     every = np.concatenate(sizes)
+    # Single gross errors are clipped.
     top = 3.0 * float(np.percentile(every, 90.0))
     if 0.0 < top < every.max():
         axes.set_ylim(-top, top)
@@ -201,13 +191,6 @@ def _time_line_figure(corrected: xr.Dataset, variable: str, station: int) -> Fig
 
 
 def _stations_figure(scored: xr.Dataset, variable: str) -> Figure:
-    """Draw the distribution of scores over stations.
-
-    On the left the rms error of each station with the filter and the other methods against the raw
-    forecast's; on the right the skill of the filter, stations in order of skill, with intervals.
-    Axes are limited to 1.5 times the 95th percentile (errors) and to skills above -1: a single
-    station with a gross error is drawn at the edge.
-    """
     of_raw, of_corrected = (
         _with_unit(f"rms error, {which}", scored, variable) for which in ("raw", "corrected")
     )
@@ -216,28 +199,28 @@ def _stations_figure(scored: xr.Dataset, variable: str) -> Figure:
     raw = rms.sel(correction="raw").to_numpy()
     known = np.isfinite(raw)
     if not known.any():
-        return style.empty_figure("No pair on the days held out")
-    figure, (left, right) = style.panels(3.6, 1, 2)
+        return html.empty_figure("No pair on the days held out")
+    figure, (left, right) = html.panels(3.6, 1, 2)
     values = rms.isel(station=np.flatnonzero(known))
+    # A single station with a gross error is drawn at the edge.
     top = max(1.5 * float(np.nanpercentile(values, 95.0)), 1e-9)
     for index, method in enumerate(METHODS[1:], start=1):
-        colour, marker = style.series_style(index)
         after = np.minimum(rms.sel(correction=method), top)
-        look = Look(color=colour, markersize=4, alpha=0.6, label=NAMES[method])
-        left.plot(np.minimum(raw, top), after, marker, **look)
-    left.plot([0, top], [0, top], color=style.SOFT, linewidth=0.9)
-    ends = (0, 1.02 * top)
-    left.set(xlim=ends, ylim=ends, xlabel=of_raw, ylabel=of_corrected)
+        look = html.series(index, markersize=4, alpha=0.6, label=NAMES[method])
+        left.plot(np.minimum(raw, top), after, linestyle="", **look)
+    left.plot([0, top], [0, top], color=html.SOFT, linewidth=0.9)
+    limits = (0, 1.02 * top)
+    left.set(xlim=limits, ylim=limits, xlabel=of_raw, ylabel=of_corrected)
     left.legend()
     kalman = scored.sel(correction="kalman")
     skill = kalman["skill_by_station"].to_numpy()
     order = np.argsort(skill)[: np.isfinite(skill).sum()]  # NaN is last
     bounds = kalman["skill_by_station_interval"].transpose("bound", "station")[:, order]
-    colour, marker = style.series_style(METHODS.index("kalman"))
-    place = np.arange(1, order.size + 1)
-    right.vlines(place, *np.maximum(bounds, -1.0), color=colour, alpha=0.35, linewidth=1.0)
-    right.plot(place, np.maximum(skill[order], -1.0), marker, color=colour, markersize=3)
-    style.zero_line(right, across=True)
+    look, place = html.series(METHODS.index("kalman")), np.arange(1, order.size + 1)
+    ends = np.maximum(bounds, -1.0)
+    right.vlines(place, *ends, color=look["color"], alpha=0.35, linewidth=1.0)
+    right.plot(place, np.maximum(skill[order], -1.0), linestyle="", markersize=3, **look)
+    html.zero_line(right, across=True)
     right.set(ylim=(-1.05, 1.05), xlabel="station, by skill", ylabel="skill of the filter")
     outside = int((rms > top).any("correction").sum())
     beyond = f"; {plural(outside, 'station')} beyond the axes at the edge" if outside else ""

@@ -22,7 +22,7 @@ from airswing.evaluation import Evaluation
 from airswing.evaluation.monitoring.changes import change_warnings
 from airswing.flags import STATUS
 from airswing.products.whole_files import workspace
-from airswing.report.html.text import Units, shown_per_kt
+from airswing.report.html import Units, per_kt
 from airswing.units import NORMAL_95
 from airswing.workflow.job import Job, months_text
 from airswing.workflow.months import make_headings
@@ -232,7 +232,7 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
 
 def summary_text(summary: Summary, output: Path, *, units: Units = "kt") -> str:
     """Lay the summary out for a terminal; `output` is the folder of the products."""
-    reports, status, factor = summary["reports"], summary["status"], shown_per_kt(units)
+    reports, status, factor = summary["reports"], summary["status"], per_kt(units)
     before, after = (factor * summary["disagreement_kt"][when] for when in ("before", "after"))
     lines = [
         f"{reports['read']:,} reports read, {reports['kept']:,} kept for the fit; "

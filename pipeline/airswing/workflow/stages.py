@@ -85,7 +85,7 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     InputError
         Screening left no report.
     """
-    from airswing.report.run.swing_cards import write_swing_cards
+    from airswing.report.run.heading_error import write_swing_cards
 
     screened, members = job.ready(headings, HEADINGS), job.pools[job.reference]
     require_kept(screened)

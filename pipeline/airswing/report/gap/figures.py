@@ -13,26 +13,17 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
 from airswing.gap.result.schema import GapReport
-from airswing.report.gap.words import (
-    Entry,
-    content_of,
-    number,
-    p_text,
-    place_sentence,
-    plain_name,
-    slice_words,
-)
-from airswing.report.html import style
+from airswing.report import html
+from airswing.report.gap import words
+from airswing.report.gap.words import Entry, number, p_text, plain_name
+from airswing.report.html import BLUE, FAINT, INK, ORANGE, SKY, SOFT, Look, Units, plural
 from airswing.report.html.maps import draw_map, view_of
-from airswing.report.html.style import BLUE, FAINT, INK, ORANGE, SKY, SOFT, Look
-from airswing.report.html.text import Units, plural, shown_per_kt, shown_per_m_s
 from airswing.report.run.heading_error import draw_heading_error, small_panels
 from airswing.report.run.selection import names_of
 from airswing.units import NORMAL_95
@@ -47,7 +38,7 @@ def gap_figures(
     gap: GapReport | Entry, maps: xr.Dataset, *, units: Units = "kt"
 ) -> dict[str, Callable[[], Figure]]:
     """Return functions that draw the figures of a diagnosis that have data, by name."""
-    content = content_of(gap)
+    content = words.content_of(gap)
     effects, places = content["effects"], content["unknown"]["where"]
     compass = "heading_map" in maps and _CYCLES.keys() & {one["name"] for one in effects}
     tested, noise = content.get("evidence"), content.get("noise") or {}
@@ -59,10 +50,10 @@ def gap_figures(
         ),
         ("waterfall", effects or places, _waterfall_figure, content, units),
         ("slices", True, _slices_figure, content.get("where") or ()),
-        ("aircraft_heading", "heading_map" in maps, _aircraft_heading_figure, maps, content),
+        ("aircraft_heading", "heading_map" in maps, _aircraft_figure, maps, content, "heading_map"),
         ("phase_level", "level_map_cross" in maps, _phase_level_figure, maps, content, units),
         ("map", "region_map_u" in maps, _gap_map_figure, maps, content, units),
-        ("aircraft_time", "time_line" in maps, _aircraft_time_figure, maps, content),
+        ("aircraft_time", "time_line" in maps, _aircraft_figure, maps, content, "time_line"),
         ("pit", "pit_count" in maps, _pit_figure, maps),
         ("evidence", tested, _evidence_figure, content),
         ("probability", tested, _probability_figure, content, names_of(maps)),
@@ -76,7 +67,7 @@ def _reports(gap: Entry) -> str:
 
 
 def _waterfall_figure(gap: Entry, units: Units) -> Figure:
-    factor = shown_per_kt(units)
+    factor = html.per_kt(units)
     steps = [
         (step["label"], step["kt"], [before["kt"] - end for end in step["step_ci"]])
         for before, step in pairwise(gap.get("waterfall") or ())
@@ -86,10 +77,10 @@ def _waterfall_figure(gap: Entry, units: Units) -> Figure:
     before, end, floor = (factor * number(value) for value in levels)
     bars = [("simulation so far", before, SOFT)]
     bars += [(f"+ {plain_name(name)}", factor * step, "") for name, step, _ in steps]
-    bars.append(("with all effects", end, style.GREEN))
+    bars.append(("with all effects", end, html.GREEN))
     if np.isfinite(floor):
         bars.append(("noise floor", floor, FAINT))
-    figure, axes = style.panels(1.5 + 0.42 * (len(steps) + 3))
+    figure, axes = html.panels(1.5 + 0.42 * (len(steps) + 3))
     look = Look(va="center", fontsize=9)
     look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
     previous = before
@@ -97,7 +88,7 @@ def _waterfall_figure(gap: Entry, units: Units) -> Figure:
         if colour:
             axes.barh(row, level, color=colour, height=0.62)
             place = (level, row)
-            style.annotate(axes, f"{level:.2f} {units}", place, (5, 0), ha="left", **look)
+            html.annotate(axes, f"{level:.2f} {units}", place, (5, 0), ha="left", **look)
             continue
         ends = [factor * bound for bound in steps[row - 1][2]]
         colour = BLUE if level <= previous else ORANGE
@@ -105,10 +96,10 @@ def _waterfall_figure(gap: Entry, units: Units) -> Figure:
         axes.plot([previous, previous], [row - 1.31, row + 0.31], color=SOFT, linewidth=0.8)
         axes.plot(ends, [row, row], color=INK, linewidth=1.2, zorder=4)
         place = (min([level, previous, *ends]), row)
-        style.annotate(axes, f"{level - previous:+.2f}", place, (-5, 0), ha="right", **look)
+        html.annotate(axes, f"{level - previous:+.2f}", place, (-5, 0), ha="right", **look)
         previous = level
     label = f"mean vector disagreement on held-out flights ({units})"
-    style.rows_axis(axes, [name for name, *_ in bars], label)
+    html.rows_axis(axes, [name for name, *_ in bars], label)
     axes.set_xlim(0, 1.14 * max(before, end))
     return figure.say(
         f"Disagreement of reports and simulation ({_reports(gap)}), the step of each effect added "
@@ -139,7 +130,7 @@ def _compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     found = {tail: _deviation_of(gap, tail) for tail in names_of(maps)}
     tails = [tail for tail, (value, _) in found.items() if np.any(value)][:12]
     if not tails:
-        return style.empty_figure("No constant compass effect was found")
+        return html.empty_figure("No constant compass effect was found")
     figure, panels = small_panels(len(tails))
     shown = maps.sel(aircraft=tails)
     value, error = (shown[f"heading_map{end}"].to_numpy() for end in ("", "_standard_error"))
@@ -173,11 +164,11 @@ def _unknown_curve_figure(place: Entry, units: Units) -> Figure:
     variables = [str(name) for name in curve.get("variables") or place.get("variables") or []]
     unit, factor = str(curve.get("unit") or "m/s"), 1.0
     if unit == "m/s":
-        unit, factor = units, shown_per_m_s(units)
+        unit, factor = units, html.per_m_s(units)
     values = curve["values"] if curve.get("values") is not None else curve["m_s"]
     value = factor * np.array(values, float)
     colours = [BLUE if one >= 0 else ORANGE for one in np.nan_to_num(value)]
-    figure, axes = style.panels(2.9)
+    figure, axes = html.panels(2.9)
     what = f"fitted residual ({unit})"
     if place["component"] == "reported_speed" and edges:
         simulated = factor * edges[0]
@@ -186,24 +177,24 @@ def _unknown_curve_figure(place: Entry, units: Units) -> Figure:
         axes.set(xlabel=f"simulated wind speed ({units})", ylabel=f"reported wind speed ({units})")
     elif len(edges) == 1 and edges[0].size == value.size + 1:
         axes.bar(edges[0][:-1], value, np.diff(edges[0]), align="edge", color=colours)
-        style.zero_line(axes, across=True)
+        html.zero_line(axes, across=True)
         axes.set_ylabel(what)
         _label_variable(axes.xaxis, curve, variables, edges, 0)
     elif len(edges) == 2:
         shown = value.reshape(edges[0].size - 1, edges[1].size - 1)
         most = max(float(np.nanmax(np.abs(shown))), 1e-9)
-        mesh = axes.pcolormesh(*edges, shown.T, cmap=style.DIVERGING, vmin=-most, vmax=most)
+        mesh = axes.pcolormesh(*edges, shown.T, cmap=html.DIVERGING, vmin=-most, vmax=most)
         for index, axis in enumerate((axes.xaxis, axes.yaxis)):
             _label_variable(axis, curve, variables, edges, index)
         figure.colorbar(mesh, ax=axes, label=what)
     else:
         names = [str(label) for label in curve["labels"]]
         axes.bar(names, value, color=colours)
-        style.zero_line(axes, across=True)
+        html.zero_line(axes, across=True)
         axes.margins(x=max(0.05, 0.5 - 0.1 * value.size))
         axes.tick_params(axis="x", labelrotation=45 if len(names) > 8 else 0, labelsize=8.5)
         axes.set_ylabel(what)
-    sentence = place_sentence(place, {}, units=units).rstrip(".")
+    sentence = words.place_sentence(place, {}, units=units).rstrip(".")
     return figure.say(f"{sentence} (n = {plural(int(value.size), 'value')}).")
 
 
@@ -225,16 +216,14 @@ def _slices_figure(where: Sequence[Entry]) -> Figure:
     rows = sorted(where, key=lambda entry: -entry["share_of_gap"])[:15]
     rows = [entry for entry in rows if entry["share_of_gap"] >= 0.005] or rows[:3]
     if not rows:
-        return style.empty_figure("No slice has a larger share of the gap than noise")
-    figure, axes = style.panels(1.0 + 0.3 * len(rows))
+        return html.empty_figure("No slice has a larger share of the gap than noise")
+    figure, axes = html.panels(1.0 + 0.3 * len(rows))
     share = 100 * np.array([entry["share_of_gap"] for entry in rows])
     q_values = [number(entry.get("q_value")) for entry in rows]
     colours = [BLUE if value < 0.05 else FAINT for value in q_values]
-    axes.barh(range(len(rows)), share, color=colours, height=0.7)
-    for row, value in enumerate(q_values):
-        text = f"  {share[row]:.0f} %   q {p_text(value)}"
-        axes.text(max(share[row], 0), row, text, va="center", fontsize=8.5)
-    style.rows_axis(axes, [slice_words(entry) for entry in rows], "share of the gap's variance (%)")
+    names, label = [words.slice_words(entry) for entry in rows], "share of the gap's variance (%)"
+    texts = [f"{x:.0f} %   q {p_text(q)}" for x, q in zip(share, q_values, strict=True)]
+    html.bars(axes, names, share, texts, label, color=colours)
     axes.axvline(0.0, color=SOFT, linewidth=0.8)
     axes.set_xlim(right=max(float(share.max()) * 1.4, 5.0))
     axes.set_xticks([tick for tick in axes.get_xticks() if tick <= 100.0])
@@ -261,16 +250,40 @@ def _edges(centres: Floats) -> Floats:
     return np.array([2 * centres[0] - middle[0], *middle, 2 * centres[-1] - middle[-1]])
 
 
-def _aircraft_heading_figure(maps: xr.Dataset, gap: Entry) -> Figure:
-    centres = np.asarray(maps["octant"].to_numpy(), float)
-    shown = _cells(maps, "heading_map", "aircraft", "octant")
-    error = _cells(maps, "heading_map_standard_error", "aircraft", "octant")
-    figure, axes = _aircraft_grid(maps, centres, shown, gap)
-    if len(shown) <= 60:
+def _aircraft_figure(maps: xr.Dataset, gap: Entry, name: str) -> Figure:
+    """Draw mean heading errors by aircraft and magnetic heading, or by aircraft and week."""
+    tails, dim = names_of(maps), "octant" if name == "heading_map" else "week"
+    shown, centres = _cells(maps, name, "aircraft", dim), maps[dim].to_numpy().astype(float)
+    limit, affected = (
+        _even_limit(shown),
+        {one for effect in gap["effects"] for one in effect["tails"]},
+    )
+    figure, axes = html.panels(1.25 + max(0.19 * len(tails), 1.4))
+    look = Look(cmap=html.DIVERGING, vmin=-limit, vmax=limit)
+    x = centres if dim == "octant" else np.arange(centres.size, dtype=float)
+    drawn = axes.pcolormesh(_edges(x), np.arange(len(tails) + 1) - 0.5, shown, **look)
+    html.rows_axis(axes, tails)
+    axes.set_ylim(len(tails) - 0.5, -0.5)
+    for label in axes.get_yticklabels():
+        if label.get_text() in affected:
+            label.set(fontweight="bold", color=html.VERMILION)
+    axes.grid(visible=False)
+    figure.colorbar(drawn, ax=axes, label="mean heading error (degree)", pad=0.01, extend="both")
+    if dim == "week":
+        weeks = maps["day"].to_numpy().min() + centres.astype("timedelta64[W]")
+        ticks = np.arange(0, weeks.size, max(1, -(-weeks.size // 10)))
+        axes.set_xticks(ticks, np.datetime_as_string(weeks[ticks], "D"))
+        axes.set_xlabel("week from (date)")
+        return figure.say(
+            f"Mean heading error (degree) by aircraft and week ({_reports(gap)}; white: too few "
+            "flights). An error that begins at a date changes the colour of a row."
+        )
+    if len(tails) <= 60:
+        error = _cells(maps, f"{name}_standard_error", "aircraft", dim)
         strong = np.where(np.abs(shown) > 2 * error, shown, np.nan)
-        _print_cells(axes, strong, _even_limit(shown), centres, decimals=1)
+        html.cell_texts(axes, strong, partial(_signed, digits=1), 0.62 * limit, x)
     axes.set(xticks=range(0, 361, 45), xlabel="indicated magnetic heading (degree)")
-    first = min(float(_edges(centres)[0]), 0.0)
+    first = min(float(_edges(x)[0]), 0.0)
     axes.set_xlim(first, 360.0 + first)
     return figure.say(
         f"Mean heading error (degree) by aircraft and magnetic heading ({_reports(gap)}; white: "
@@ -279,44 +292,8 @@ def _aircraft_heading_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     )
 
 
-def _aircraft_time_figure(maps: xr.Dataset, gap: Entry) -> Figure:
-    weeks = maps["day"].to_numpy().min() + maps["week"].to_numpy().astype("timedelta64[W]")
-    shown = _cells(maps, "time_line", "aircraft", "week")
-    figure, axes = _aircraft_grid(maps, np.arange(weeks.size, dtype=float), shown, gap)
-    ticks = np.arange(0, weeks.size, max(1, -(-weeks.size // 10)))
-    axes.set_xticks(ticks, np.datetime_as_string(weeks[ticks], "D"))
-    axes.set_xlabel("week from (date)")
-    return figure.say(
-        f"Mean heading error (degree) by aircraft and week ({_reports(gap)}; white: too few "
-        "flights). An error that begins at a date changes the colour of a row."
-    )
-
-
-def _aircraft_grid(
-    maps: xr.Dataset, centres: Floats, shown: Floats, gap: Entry
-) -> tuple[style.CaptionedFigure, Axes]:
-    tails, limit = names_of(maps), _even_limit(shown)
-    affected = {tail for effect in gap["effects"] for tail in effect["tails"]}
-    figure, axes = style.panels(1.25 + max(0.19 * len(tails), 1.4))
-    look = Look(cmap=style.DIVERGING, vmin=-limit, vmax=limit)
-    drawn = axes.pcolormesh(_edges(centres), np.arange(len(tails) + 1) - 0.5, shown, **look)
-    style.rows_axis(axes, tails)
-    axes.set_ylim(len(tails) - 0.5, -0.5)
-    for label in axes.get_yticklabels():
-        if label.get_text() in affected:
-            label.set(fontweight="bold", color=style.VERMILION)
-    axes.grid(visible=False)
-    figure.colorbar(drawn, ax=axes, label="mean heading error (degree)", pad=0.01, extend="both")
-    return figure, axes
-
-
-def _print_cells(axes: Axes, cells: Floats, limit: float, x: Floats, *, decimals: int) -> None:
-    """Print the finite values into the cells (row, column) of a map, white on dark colours."""
-    for row, column in np.argwhere(np.isfinite(cells)):
-        value = cells[row, column]
-        text = f"{round(value, decimals) + 0.0:+.{decimals}f}"
-        colour = "white" if abs(value) > 0.62 * limit else INK
-        axes.text(x[column], row, text, ha="center", va="center", fontsize=7.5, color=colour)
+def _signed(value: float, *, digits: int) -> str:
+    return f"{round(value, digits) + 0.0:+.{digits}f}"
 
 
 def _phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
@@ -333,10 +310,10 @@ def _phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     ways = {"along": "along the heading", "cross": "across the heading"}
     both = np.array([_cells(maps, f"level_map_{way}", "level", "phase") for way in ways])
     filled = np.flatnonzero(np.isfinite(both[1]).any(axis=0))
-    both = shown_per_m_s(units) * both[:, upwards][..., filled]
+    both = html.per_m_s(units) * both[:, upwards][..., filled]
     limit = _even_limit(both, least=0.2)
-    figure, panels = style.panels(1.4 + 0.36 * level.size, 1, 2, sharey=True)
-    look = Look(cmap=style.DIVERGING, vmin=-limit, vmax=limit, origin="lower", aspect="auto")
+    figure, panels = html.panels(1.4 + 0.36 * level.size, 1, 2, sharey=True)
+    look = Look(cmap=html.DIVERGING, vmin=-limit, vmax=limit, origin="lower", aspect="auto")
     phases = [names_of(maps, "phase")[place] for place in filled]
     for axes, title, value in zip(panels, ways.values(), both, strict=True):
         drawn = axes.imshow(value, **look)
@@ -344,7 +321,7 @@ def _phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
         axes.set_xticks(range(filled.size), phases)
         axes.set_yticks(range(level.size), [names[one] for one in upwards])
         axes.grid(visible=False)
-        _print_cells(axes, value, limit, np.arange(filled.size, dtype=float), decimals=2)
+        html.cell_texts(axes, value, partial(_signed, digits=2), 0.62 * limit)
     panels[0].set_ylabel("layer (hPa)")
     figure.colorbar(drawn, ax=list(panels), label=f"mean residual ({units})", pad=0.01)
     return figure.say(
@@ -355,14 +332,14 @@ def _phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
 def _gap_map_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
     cells = (_cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
-    u, v = (shown_per_m_s(units) * part for part in cells)
+    u, v = (html.per_m_s(units) * part for part in cells)
     speed = np.hypot(u, v)
     filled = np.isfinite(speed)
     if not filled.any():
-        return style.empty_figure("No cell has enough reports for a map")
+        return html.empty_figure("No cell has enough reports for a map")
     rows, columns = np.nonzero(filled)
     view = view_of(lon[columns], lat[rows], margin=0.1)
-    figure, axes = style.panels(min(8.2 * view.height_over_width, 6.5) + 0.7)
+    figure, axes = html.panels(min(8.2 * view.height_over_width, 6.5) + 0.7)
     length, x = _even_limit(speed), view.unwrapped(lon)
     order = np.argsort(x)
     look = Look(cmap="YlOrBr", vmin=0, vmax=length, alpha=0.85)
@@ -387,19 +364,17 @@ def _evidence_figure(gap: Entry) -> Figure:
             best[row["name"]] = max(log_factor, best.get(row["name"], -np.inf))
     best = dict(sorted(best.items(), key=lambda item: -item[1])[:20])
     if not best:
-        return style.empty_figure("No effect of the catalogue could be tested")
+        return html.empty_figure("No effect of the catalogue could be tested")
     chosen = {effect["name"] for effect in gap["effects"]}
     ambiguous = {name for effect in gap["effects"] for name in effect["ambiguous_with"]}
-    figure, axes = style.panels(1.0 + 0.27 * len(best))
+    figure, axes = html.panels(1.0 + 0.27 * len(best))
     colours = [BLUE if name in chosen else SKY if name in ambiguous else FAINT for name in best]
     positive = np.clip(list(best.values()), 0.0, None)
-    axes.barh(range(len(best)), positive, color=colours, height=0.72)
+    label = "log Bayes factor against no effect (linear to 10, then logarithmic)"
+    names, texts = map(plain_name, best), [f"{round(value):,}" for value in best.values()]
+    html.bars(axes, list(names), positive, texts, label, color=colours, height=0.72)
     axes.set_xscale("symlog", linthresh=10.0)
     axes.xaxis.set_major_formatter(LogFormatter(linthresh=10.0))
-    for row, value in enumerate(best.values()):
-        axes.text(positive[row], row, f"  {round(value):,}", va="center", fontsize=8.5)
-    label = "log Bayes factor against no effect (linear to 10, then logarithmic)"
-    style.rows_axis(axes, [plain_name(name) for name in best], label)
     axes.set_xlim(0, max(float(positive.max(initial=10.0)) * 2.5, 20.0))
     return figure.say(
         f"Log Bayes factor of each catalogue effect ({_reports(gap)}). Dark blue: found; light "
@@ -415,9 +390,9 @@ def _probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
         if known and row["instead_of"] == row["name"]:
             found.setdefault(row["name"], np.array(row["posterior"], float))
     if not found:
-        return style.empty_figure("No effect on single aircraft was found")
+        return html.empty_figure("No effect on single aircraft was found")
     value = np.array(list(found.values()))
-    figure, axes = style.panels(max(1.3 + 0.36 * len(value), 2.1))
+    figure, axes = html.panels(max(1.3 + 0.36 * len(value), 2.1))
     drawn = axes.imshow(value, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     # About 80 letters fit side by side.
     rotation = 90 if len(tails) * max(map(len, tails)) > 80 else 0
@@ -425,11 +400,9 @@ def _probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
     axes.set_xticks(range(len(tails)), tails, rotation=rotation, fontsize=fontsize)
     axes.set_yticks(range(len(value)), [plain_name(name) for name in found])
     axes.grid(visible=False)
-    for (row, column), cell in np.ndenumerate(value if len(tails) <= 30 else value[:0]):
-        if cell >= 0.05:
-            color = "white" if cell > 0.55 else INK
-            text = f"{cell:.2f}".lstrip("0") if cell < 0.995 else "1"
-            axes.text(column, row, text, ha="center", va="center", fontsize=7.5, color=color)
+    if len(tails) <= 30:
+        cells = np.where(value >= 0.05, value, np.nan)
+        html.cell_texts(axes, cells, lambda x: f"{x:.2f}".lstrip("0") if x < 0.995 else "1", 0.55)
     figure.colorbar(drawn, ax=axes, label="probability", pad=0.01)
     return figure.say(f"Probability that an aircraft is affected (n = {len(tails)} aircraft).")
 
@@ -437,10 +410,10 @@ def _probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
 def _autocorrelation_figure(gap: Entry) -> Figure:
     names = ("distance_km", "autocovariance", "autocovariance_model")
     distance, measured, model = (np.array(gap["noise"][name], float) for name in names)
-    figure, axes = style.panels(3.2)
+    figure, axes = html.panels(3.2)
     axes.plot(distance, measured, "o", color=INK, markersize=4, label="measured", clip_on=False)
     axes.plot(distance, model, color=BLUE, label="noise model")
-    style.zero_line(axes, across=True)
+    html.zero_line(axes, across=True)
     axes.set_xlim(left=0)
     axes.set(xlabel="distance along the flight (km)", ylabel="autocovariance of residuals (m²/s²)")
     axes.legend(loc="upper right")
@@ -453,7 +426,7 @@ def _autocorrelation_figure(gap: Entry) -> Figure:
 def _pit_figure(maps: xr.Dataset) -> Figure:
     after, before = (maps[name].to_numpy() for name in ("pit_count", "pit_count_before"))
     edges = np.linspace(0.0, 1.0, after.size + 1)
-    figure, axes = style.panels(3.0)
+    figure, axes = html.panels(3.0)
     share, early = (count / max(count.sum(), 1) * count.size for count in (after, before))
     axes.stairs(share, edges, fill=True, color=SKY, label="with the effects")
     axes.stairs(early, edges, color=ORANGE, linewidth=1.8, label="without")

@@ -21,6 +21,7 @@ from airswing.gap.diagnose import Diagnosis
 from airswing.gap.diagnose import diagnose as _diagnose
 from airswing.gap.result.schema import GapReport
 from airswing.products.whole_files import write_text
+from airswing.report import html
 from airswing.report.gap import words
 from airswing.report.gap.figures import gap_figures
 from airswing.report.gap.words import (
@@ -32,18 +33,7 @@ from airswing.report.gap.words import (
     plain_name,
     who_text,
 )
-from airswing.report.html import document as html
-from airswing.report.html.style import drawing
-from airswing.report.html.text import (
-    Units,
-    amount,
-    interval_text,
-    joined,
-    number_text,
-    range_text,
-    shown_per_kt,
-    shown_per_m_s,
-)
+from airswing.report.html import Units, amount, interval_text, joined, number_text
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
@@ -51,7 +41,7 @@ P = ParamSpec("P")
 _Drawn = Callable[..., list[Markup]]
 
 
-@drawing()
+@html.drawing()
 def write_gap_page(
     directory: Path, *, gap: GapReport | Entry, maps: xr.Dataset, units: Units = "kt"
 ) -> Path:
@@ -106,12 +96,12 @@ def write_gap_page(
 
 
 def _facts(gap: Entry, units: Units) -> list[tuple[str, str]]:
-    closure, factor = gap["closure"], shown_per_kt(units)
+    closure, factor = gap["closure"], html.per_kt(units)
     before, after = number(closure["before"]), number(closure["after"])
     facts = [(f"{factor * before:.2f} {units}", "disagreement of reports and simulation")]
     if gap["effects"] or gap["unknown"]["where"]:
         interval, reduction = (
-            range_text(closure.get(name), factor=factor) for name in ("ci", "reduction_ci")
+            html.range_text(closure.get(name), factor=factor) for name in ("ci", "reduction_ci")
         )
         facts = [
             (words.levels_text(before, after, units=units), f"with the effects found{interval}"),
@@ -170,8 +160,8 @@ def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
 
 
 def _closure_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
-    closure, factor = gap["closure"], shown_per_kt(units)
-    interval = range_text(closure.get("ci"), factor=factor) or " (no interval from one day)"
+    closure, factor = gap["closure"], html.per_kt(units)
+    interval = html.range_text(closure.get("ci"), factor=factor) or " (no interval from one day)"
     before, after = (amount(closure[at], factor=factor, unit=units) for at in ("before", "after"))
     text = (
         f"On {'held-out' if closure.get('held_out') else 'the same'} flights the disagreement is "
@@ -248,7 +238,7 @@ def _claims_section(gap: Entry, units: Units) -> html.Section:
     )
     text = ""
     if test := claims.get("field_test"):
-        shown = partial(amount, factor=shown_per_kt(units), unit=units)
+        shown = partial(amount, factor=html.per_kt(units), unit=units)
         before = shown(test["reduction_kt"], test.get("reduction_ci_kt"))
         within = f"{'within' if test['stays'] else 'outside'} its interval"
         text = f"Field test: the adjusted reduction of {before} becomes "
@@ -296,7 +286,7 @@ def _statistics_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section
 
 
 def _calibration(gap: Entry, units: Units) -> list[str]:
-    rows, text, factor = [], "", shown_per_m_s(units)
+    rows, text, factor = [], "", html.per_m_s(units)
     if pair := gap.get("calibration"):
         crps = number_text(pair["after"].get("crps_expected_m_s"), factor=factor)
         for key, label, scale, right in (
@@ -310,7 +300,7 @@ def _calibration(gap: Entry, units: Units) -> list[str]:
                 row[f"{words_of} the effects"] = number_text(pair[when].get(key), factor=scale)
             rows.append(row | {"if right": right})
     if placebo := gap.get("decoy"):
-        ends, factor = placebo.get("reduction_ci_kt"), shown_per_kt(units)
+        ends, factor = placebo.get("reduction_ci_kt"), html.per_kt(units)
         closes = amount(placebo["reduction_kt"], ends, factor=factor, unit=units)
         text = (
             f"Placebo: effects with the same columns but random dates and aircraft close {closes} "
@@ -320,7 +310,7 @@ def _calibration(gap: Entry, units: Units) -> list[str]:
 
 
 def _noise(gap: Entry, units: Units) -> str:
-    noise, factor = gap.get("noise"), shown_per_m_s(units)
+    noise, factor = gap.get("noise"), html.per_m_s(units)
     if not noise:
         return ""
     fitted = {
@@ -340,7 +330,7 @@ class ShownDiagnosis(Diagnosis):
     @property
     def figures(self) -> dict[str, Figure]:
         """The figures of the gap's page by name, newly drawn."""
-        with drawing():
+        with html.drawing():
             return {name: draw() for name, draw in gap_figures(self.report, self.dataset).items()}
 
     def _repr_html_(self) -> str:

@@ -16,7 +16,8 @@ import numpy as np
 
 from airswing.gap.effects import CATALOGUE
 from airswing.physics.triangle import wrap_degrees
-from airswing.report.html.text import Units, amount, joined, plural, shown_per_kt, shown_per_m_s
+from airswing.report import html
+from airswing.report.html import Units, joined, plural
 from airswing.units import NORMAL_95
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def _shown(name: str, units: Units) -> tuple[str, str, float]:
     ending = next((one for one in _ENDINGS if name.endswith(one)), "")
     label = "at" if name.startswith("at_") else name.removesuffix(ending).replace("_", " ")
     if ending in ("_m_s", "_kt"):
-        factor = shown_per_m_s(units) if ending == "_m_s" else shown_per_kt(units)
+        factor = html.per_m_s(units) if ending == "_m_s" else html.per_kt(units)
         return label, f" {units}", factor
     return label, _ENDINGS.get(ending, ""), 1.0
 
@@ -190,13 +191,13 @@ def closure_text(entry: Entry | None, *, units: Units = "kt") -> str:
     """Return a reduction with its 95 % interval: ``1.20 kt (1.05 to 1.34)``."""
     if not entry:
         return "-"
-    ends, factor = entry.get("reduction_ci"), shown_per_kt(units)
-    return amount(entry["reduction"], ends, factor=factor, unit=units)
+    ends, factor = entry.get("reduction_ci"), html.per_kt(units)
+    return html.amount(entry["reduction"], ends, factor=factor, unit=units)
 
 
 def levels_text(before: float, after: float, *, units: Units = "kt") -> str:
     """Return two disagreements with the decimals that show their difference: ``8.3 → 6.3 kt``."""
-    factor = shown_per_kt(units)
+    factor = html.per_kt(units)
     difference = max(abs(factor * (before - after)), 1e-9)
     digits = int(np.clip(np.ceil(-np.log10(difference)), 1, 3))
     return f"{factor * before:.{digits}f} → {factor * after:.{digits}f} {units}"
@@ -207,7 +208,7 @@ def headline(gap: Entry, *, units: Units = "kt") -> str:
     effects, places = gap["effects"], (gap.get("unknown") or {}).get("where") or []
     closure, fleet = gap["closure"], fleet_of(gap)
     if not effects and not places:
-        level = f"{shown_per_kt(units) * number(closure['before']):.1f} {units}"
+        level = f"{html.per_kt(units) * number(closure['before']):.1f} {units}"
         if (gap.get("counts") or {}).get("days") == 1:
             return f"One day of reports is too short to decide what explains the gap of {level}."
         return (
@@ -294,7 +295,7 @@ def place_sentence(place: Entry, gap: Entry, *, units: Units = "kt") -> str:
     if place.get("closure"):
         details.append(f"closes {closure_text(place['closure'], units=units)}")
     if steps := place.get("steps"):
-        top = shown_per_kt(units) * number(steps["up_to_kt"])
+        top = html.per_kt(units) * number(steps["up_to_kt"])
         details.append(f"directions in steps of {steps['step_deg']:g}° up to {top:.0f} {units}")
     if place.get("nearest_effect"):
         share = 100 * number(place.get("nearest_effect_share"))
@@ -311,12 +312,12 @@ def caution_lines(gap: Entry, *, units: Units = "kt") -> list[str]:
             # Rounded down, because 0.9 counts as found.
             chance = math.floor(100 * number(one["probability"])) / 100
             lines.append(f"Likely but not confirmed: {plain_name(one['name'])} ({chance:.2f}).")
-    hidden = number(gap["closure"].get("could_hide_kt"))
+    hidden = html.per_kt(units) * number(gap["closure"].get("could_hide_kt"))
     if np.isfinite(hidden) and not gap["effects"] and not gap["unknown"]["where"]:
         lines.append(
-            f"An error outside the catalogue could close up to {shown_per_kt(units) * hidden:.2g} "
-            f"{units} without being detected; errors of the model common to all aircraft on all "
-            "days count as weather and may be larger."
+            f"An error outside the catalogue could close up to {hidden:.2g} {units} without being "
+            "detected; errors of the model common to all aircraft on all days count as weather and "
+            "may be larger."
         )
     return lines
 

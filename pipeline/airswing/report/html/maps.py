@@ -25,21 +25,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from airswing.flags import PHASE
 from airswing.physics.triangle import wrap_degrees
-from airswing.report.html import document as html
-from airswing.report.html import style
-from airswing.report.html.style import Look
-from airswing.report.html.text import plural
+from airswing.report import html
+from airswing.report.html import Look, plural
 
 Floats = NDArray[np.float64]
 Groups = Mapping[str, NDArray[np.bool_]]
 
-LAYERS: dict[str, dict[str, object]] = {
+_LAYERS: dict[str, dict[str, object]] = {
     "state": {"color": "#c3cad2", "linewidth": 0.5},
     "border": {"color": "#98a2ae", "linewidth": 0.7},
-    "lake": {"color": style.SOFT, "linewidth": 0.6},
-    "coast": {"color": style.SOFT, "linewidth": 0.7},
+    "lake": {"color": html.SOFT, "linewidth": 0.6},
+    "coast": {"color": html.SOFT, "linewidth": 0.7},
 }
-TALLEST, FLATTEST = 0.66, 0.42  # Limits of the drawn height of a map over its width
+_TALLEST, _FLATTEST = 0.66, 0.42  # Limits of the drawn height of a map over its width
 _LEVELS_HPA = (0, 400, 600, 800, 1100)  # Boundaries of the layers
 MOST_DRAWN = 500_000  # Reports a map draws at most
 
@@ -56,8 +54,7 @@ class View:
     @property
     def aspect(self) -> float:
         """Length of a degree of latitude over one of longitude, as drawn."""
-        # Poleward of 78 degrees a map is not stretched any further.
-        return 1 / max(float(np.cos(np.radians((self.south + self.north) / 2))), 0.2)
+        return 1 / _narrowing((self.south + self.north) / 2)
 
     @property
     def height_over_width(self) -> float:
@@ -70,13 +67,9 @@ class View:
         return wrap_degrees(np.asarray(longitude, float) - middle) + middle
 
 
-def _middle_longitude(longitude: Floats) -> float:
-    """Return the middle of the shortest arc that contains all longitudes, in [-180, 180)."""
-    values = np.unique(np.round(longitude % 360.0, 1))
-    gaps = np.diff(np.append(values, values[0] + 360.0))
-    widest = int(np.argmax(gaps))
-    first = values[(widest + 1) % values.size]
-    return float(wrap_degrees(first + (360.0 - gaps[widest]) / 2))
+def _narrowing(latitude: float) -> float:
+    # Poleward of 78 degrees a map is not stretched any further.
+    return max(float(np.cos(np.radians(latitude))), 0.2)
 
 
 def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) -> View:
@@ -85,13 +78,18 @@ def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) 
     lon, lat = lon[np.isfinite(lon)], lat[np.isfinite(lat)]
     if lon.size == 0 or lat.size == 0:
         return View(-180.0, 180.0, -90.0, 90.0)
-    middle = _middle_longitude(lon)
+    # The middle of the shortest arc that contains all longitudes.
+    values = np.unique(np.round(lon % 360.0, 1))
+    gaps = np.diff(values, append=values[0] + 360.0)
+    widest = int(np.argmax(gaps))
+    first = values[(widest + 1) % values.size]
+    middle = float(wrap_degrees(first + (360.0 - gaps[widest]) / 2))
     lon = wrap_degrees(lon - middle) + middle
     x, y = (lon.min() + lon.max()) / 2, (lat.min() + lat.max()) / 2
-    narrowing = max(float(np.cos(np.radians(y))), 0.2)
+    narrowing = _narrowing(float(y))
     width, height = (max(float(np.ptp(one)) * (1 + 2 * margin), 2.0) for one in (lon, lat))
-    width = min(max(width, height / narrowing / TALLEST), 360.0)
-    height = max(height, width * narrowing * FLATTEST)
+    width = min(max(width, height / narrowing / _TALLEST), 360.0)
+    height = max(height, width * narrowing * _FLATTEST)
     south, north = max(y - height / 2, -90.0), min(y + height / 2, 90.0)
     return View(float(x - width / 2), float(x + width / 2), float(south), float(north))
 
@@ -105,7 +103,7 @@ def lines() -> dict[str, list[Floats]]:
             name: np.split(
                 stored[f"{name}_points"] / 100.0, np.cumsum(stored[f"{name}_lengths"])[:-1]
             )
-            for name in LAYERS
+            for name in _LAYERS
         }
 
 
@@ -126,7 +124,7 @@ def lines_in(view: View, layer: str) -> list[Floats]:
 
 def draw_map(axes: Axes, view: View, *, ticks: int = 6) -> None:
     """Draw the outline in a panel and set its limits, aspect and degree labels."""
-    for name, look in LAYERS.items():
+    for name, look in _LAYERS.items():
         axes.add_collection(LineCollection(lines_in(view, name), zorder=1.5, **look), autolim=False)
     axes.set_xlim(view.west, view.east)
     axes.set_ylim(view.south, view.north)
@@ -147,35 +145,35 @@ def _degree_label(ends: str, value: float, _position: object = None) -> str:
 
 def _map_panels(
     longitude: Floats, latitude: Floats, groups: Groups, columns: int, label: str = ""
-) -> tuple[style.CaptionedFigure, bool]:
+) -> tuple[html.CaptionedFigure, bool]:
     """Draw a map of each group of reports, as points or, if many, as a density."""
     longitude, latitude = longitude.astype(float), latitude.astype(float)
     view, rows = view_of(longitude, latitude), -(-len(groups) // columns)
-    dense = max(int(mask.sum()) for mask in groups.values()) > style.MANY
+    dense = max(int(mask.sum()) for mask in groups.values()) > html.MANY
     alone = len(groups) == 1
-    width = (style.FULL_WIDTH - (1.1 if dense and alone else 0.0)) / columns - 0.55
+    width = (html.FULL_WIDTH - (1.1 if dense and alone else 0.0)) / columns - 0.55
     height = rows * (min(width * view.height_over_width, 7.0) + 0.55)
-    figure, grid = style.panels(height, rows, columns, squeeze=False)
+    figure, grid = html.panels(height, rows, columns, squeeze=False)
     for axes, (title, mask) in zip(grid.flat, groups.items(), strict=False):
         x, y = view.unwrapped(longitude[mask]), latitude[mask]
         axes.set_title(title)
         if dense and x.size:
             cells = 64 if alone else 40
-            look = Look(mincnt=1, cmap=style.DENSITY, norm=LogNorm(), linewidths=0.1)
+            look = Look(mincnt=1, cmap=html.DENSITY, norm=LogNorm(), linewidths=0.1)
             look["extent"] = (view.west, view.east, view.south, view.north)
             look["gridsize"] = cells, max(int(cells * view.height_over_width / np.sqrt(3)), 4)
             drawn = axes.hexbin(x, y, **look)
         else:
             # Fainter with more points, so that the densest places remain visible.
             alpha = float(np.clip(1500.0 / max(x.size, 1), 0.15, 0.8))
-            look = Look(s=4.0 if alone else 2.5, color=style.BLUE, alpha=alpha, linewidths=0)
+            look = Look(s=4.0 if alone else 2.5, color=html.BLUE, alpha=alpha, linewidths=0)
             axes.scatter(x, y, **look)
         draw_map(axes, view, ticks=6 if alone else 3)
         if not x.size:
             axes.text(0.5, 0.5, "no reports", transform=axes.transAxes, ha="center")
     if dense and alone:
         bar = figure.colorbar(drawn, ax=axes, label=f"{label} in a cell", shrink=0.8, pad=0.01)
-        style.count_ticks(bar, float(np.max(np.asarray(drawn.get_array()))))
+        html.count_ticks(bar, float(np.max(np.asarray(drawn.get_array()))))
     return figure, dense
 
 

@@ -18,17 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from airswing.evaluation import Content
 from airswing.products.whole_files import write_text
-from airswing.report.html import document as html
-from airswing.report.html import style
-from airswing.report.html.style import Look
-from airswing.report.html.text import (
-    Units,
-    interval_text,
-    joined,
-    number_text,
-    plural,
-    shown_per_kt,
-)
+from airswing.report import html
+from airswing.report.html import Look, Units, interval_text, number_text, plural
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
@@ -42,11 +33,11 @@ _SHORTEST = 30  # days that a time axis spans at least
 _FLEET = "all aircraft at once"
 # Words, colour, marker and its size of each kind of event.
 _KINDS = {
-    "compass_changed": ("compass changed", style.VERMILION, "D", 6.5),
-    "disagreement_rose": ("wind disagreement rose", style.ORANGE, "^", 6.5),
-    "aircraft_silent": ("no reports", style.SOFT, "s", 6.5),
-    "aircraft_new": ("new aircraft", style.GREEN, "o", 6.5),
-    "reference_changed": ("reference changed", style.BLUE, "*", 10.0),
+    "compass_changed": ("compass changed", html.VERMILION, "D", 6.5),
+    "disagreement_rose": ("wind disagreement rose", html.ORANGE, "^", 6.5),
+    "aircraft_silent": ("no reports", html.SOFT, "s", 6.5),
+    "aircraft_new": ("new aircraft", html.GREEN, "o", 6.5),
+    "reference_changed": ("reference changed", html.BLUE, "*", 10.0),
 }
 
 
@@ -73,11 +64,11 @@ def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Fig
     changed = sum(bool(changes[name]) for name in known)
     aircraft = known[: min(max(changed, FEWEST_AIRCRAFT), MOST_AIRCRAFT)]
     if not aircraft:
-        return style.empty_figure("No calendar window has enough reports for a fit")
+        return html.empty_figure("No calendar window has enough reports for a fit")
     shared = Look(squeeze=False, sharex=True, sharey="col")
-    figure, grid = style.panels(0.9 + 1.05 * len(aircraft), len(aircraft), 2, **shared)
+    figure, grid = html.panels(0.9 + 1.05 * len(aircraft), len(aircraft), 2, **shared)
     step = np.timedelta64(1 if stability["window"] == "month" else 3, "M")
-    looks = (("offset", style.BLUE), ("amplitude", style.ORANGE))
+    looks = (("offset", html.BLUE), ("amplitude", html.ORANGE))
     for panels, name in zip(grid, aircraft, strict=True):
         fits = [entry for entry in windows if entry["aircraft"] == name]
         first = np.array([entry["window"] for entry in fits], dtype="datetime64[M]")
@@ -93,9 +84,9 @@ def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Fig
             axes.errorbar((begin + end) // 2, value, yerr=half, **dots)
             for change in changes[name]:
                 low, high = days_since_1970(change["date_ci"])
-                axes.axvspan(low, high + 1, color=style.VERMILION, alpha=0.18, linewidth=0)
+                axes.axvspan(low, high + 1, color=html.VERMILION, alpha=0.18, linewidth=0)
                 day = days_since_1970(change["date"])
-                axes.axvline(day, color=style.VERMILION, linewidth=1.4)
+                axes.axvline(day, color=html.VERMILION, linewidth=1.4)
         panels[0].set_ylabel(name)
     for axes, (quantity, _) in zip(grid[0], looks, strict=True):
         axes.set_title(f"{quantity} (degree)")
@@ -113,7 +104,7 @@ def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Fig
         if entry["aircraft"] in aircraft and entry["status"] != "ok"
     ]
     if missing:
-        text += f" Not drawn, because the reports allow no curve: {joined(missing)}."
+        text += f" Not drawn, because the reports allow no curve: {html.joined(missing)}."
     return figure.say(text)
 
 
@@ -149,7 +140,7 @@ def stability_section(
     return html.Section("stability", "Changes of the compasses", lead, parts)
 
 
-@style.drawing()
+@html.drawing()
 def write_monitoring_page(path: Path, monitoring: Monitoring, *, units: Units = "kt") -> Path:
     """Write the section on events as a separate page."""
     text = html.document(
@@ -177,7 +168,7 @@ def _timeline_figure(monitoring: Monitoring) -> Figure:
     events = sorted(monitoring.events, key=lambda one: (one.noticed, one.date), reverse=True)
     names = list(dict.fromkeys(one.aircraft or _FLEET for one in events))
     shown = names[:MOST_EVENT_ROWS]
-    figure, axes = style.panels(1.25 + 0.3 * max(len(shown), 2))
+    figure, axes = html.panels(1.25 + 0.3 * max(len(shown), 2))
     drawn = [one for one in events if (one.aircraft or _FLEET) in shown]
     silent = {state.aircraft for state in monitoring.states if state.silent}
     last = first = float(days_since_1970(monitoring.until))
@@ -188,14 +179,14 @@ def _timeline_figure(monitoring: Monitoring) -> Figure:
         axes.plot([low, high], [row, row], color=colour, alpha=0.3, linewidth=7, zorder=2)
         if one.kind == "aircraft_silent":
             end = last if one.aircraft in silent else day + one.evidence["days"]
-            axes.plot([day, end], [row, row], color=style.FAINT, linewidth=7, zorder=1)
+            axes.plot([day, end], [row, row], color=html.FAINT, linewidth=7, zorder=1)
         axes.plot(day, row, marker, color=colour, markersize=size, zorder=3)
         first = min(first, low, day)
-    axes.axvline(last, color=style.INK, linewidth=0.8)
+    axes.axvline(last, color=html.INK, linewidth=0.8)
     span = max(last - first, _SHORTEST)
     date_axis(axes)
     axes.set_xlim(last - 1.06 * span, last + 0.02 * span)
-    style.rows_axis(axes, shown)
+    html.rows_axis(axes, shown)
     for kind in (kind for kind in _KINDS if any(one.kind == kind for one in drawn)):
         words, colour, marker, size = _KINDS[kind]
         axes.plot([], [], marker, color=colour, label=words, markersize=size)
@@ -214,7 +205,7 @@ def _new_events(monitoring: Monitoring) -> str:
     counts = [f"{_KINDS[kind][0]} ({new.count(kind)})" for kind in _KINDS if kind in new]
     text = f"New up to {monitoring.until}: {', '.join(counts)}." if new else "No new event."
     if names := monitoring.differing:
-        text += f" Another table is needed for {joined(names, most=8)}."
+        text += f" Another table is needed for {html.joined(names, most=8)}."
     return text
 
 
@@ -252,7 +243,7 @@ def _event_size(event: Event) -> str:
 
 def _states_table(monitoring: Monitoring, units: Units) -> Markup:
     """Return the states, first where another table is needed, then where winds became worse."""
-    factor, every = shown_per_kt(units), len(monitoring.states)
+    factor, every = html.per_kt(units), len(monitoring.states)
 
     def urgency(one: State) -> tuple[object, ...]:
         worse = (one.disagreement_kt or 0.0) / (one.past_disagreement_kt or np.inf)

@@ -6,7 +6,7 @@ Contents as in ``field_test.json``, ``virtual_field_test.json`` and ``sensitivit
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pandas as pd
@@ -18,43 +18,40 @@ from numpy.typing import NDArray
 
 from airswing.evaluation import Content
 from airswing.physics.compass_deviation import COEFFICIENTS
-from airswing.report.html import document as html
-from airswing.report.html import style
-from airswing.report.html.style import BLUE, FAINT, SOFT, VERMILION, Look
-from airswing.report.html.text import (
-    Units,
-    amount,
-    joined,
-    number_text,
-    plural,
-    range_text,
-    scaled,
-    shown_per_kt,
-    shown_per_m_s,
-)
+from airswing.report import html
+from airswing.report.html import BLUE, FAINT, SOFT, VERMILION, Look, Units, plural
 from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
 # Rows of a figure; the products contain all aircraft.
 _MOST_ROWS = 40
+# Checks of a field test: part of its content, key of a reduction (kt), sentence.
+_CHECKS = (
+    (
+        "regression_to_the_mean",
+        "spurious_reduction_kt",
+        "Regression to the mean: choosing as many of the worst aircraft in an earlier period "
+        "would have given {} without any correction.",
+    ),
+    (
+        "matched_controls",
+        "adjusted_reduction_kt",
+        "Matched controls: against the control most similar before the test, a corrected "
+        "aircraft improved by {} on average.",
+    ),
+)
 # Words on a part of ``virtual_field_test.json``: title of its panel, and how it was fitted.
 _HELD_OUT = {
     "later": ("Later reports", "Fitted up to {learned_until}, applied on all later days"),
     "held_out": ("Days held out of the fit", "Cross-validation over days ({folds} parts)"),
 }
-_SLICES = {
-    "by_lead_time": "lead time",
-    "by_phase": "phase of flight",
-    "by_level": "level",
-    "by_season": "season",
-}
+_SLICES = ("lead time", "phase of flight", "level", "season")
 # Words and colour of ``poolable``.
 _VERDICTS = {
     None: ("undecided", SOFT),
     True: ("poolable", BLUE),
     False: ("not poolable", VERMILION),
 }
-_PHASES = ("ascent", "cruise", "descent")
 _METHODS = {"separation": "separation by neighbours", "three_cornered_hat": "three-cornered hat"}
 _USED_ELSEWHERE = {
     "wrfda_tamdar_error": ("WRFDA, TAMDAR", "-"),
@@ -66,8 +63,15 @@ _USED_ELSEWHERE = {
 
 def _change(content: Content, key: str, units: Units, *, unit: bool = True) -> str:
     """Return a speed of the content (kt) and its interval in the unit that is shown."""
-    ends, factor = content.get(f"{key}_ci_kt"), shown_per_kt(units)
-    return amount(content.get(f"{key}_kt"), ends, factor=factor, unit=units if unit else "")
+    ends, factor = content.get(f"{key}_ci_kt"), html.per_kt(units)
+    return html.amount(content.get(f"{key}_kt"), ends, factor=factor, unit=units if unit else "")
+
+
+def _speeds(entries: Iterable[Content], key: str, units: Units) -> tuple[Floats, Floats]:
+    """Return speeds of entries (n,) and their intervals (2, n) in the unit that is shown."""
+    both = [(one[f"{key}_kt"], one.get(f"{key}_ci_kt") or (None, None)) for one in entries]
+    value, ends = (np.array(part, float) for part in zip(*both, strict=True))
+    return html.per_kt(units) * value, html.per_kt(units) * ends.T
 
 
 def _equal_axes(axes: Axes, values: Floats, x_label: str, y_label: str) -> None:
@@ -79,7 +83,7 @@ def _equal_axes(axes: Axes, values: Floats, x_label: str, y_label: str) -> None:
     axes.set(xlim=ends, ylim=ends, aspect="equal", xlabel=x_label, ylabel=y_label)
 
 
-@style.drawing()
+@html.drawing()
 def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
     """Draw the disagreement of each group before and during the field test, and the reductions.
 
@@ -93,34 +97,32 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
     -------
     Figure
     """
-    groups, factor = field_test["groups"], shown_per_kt(units)
-    figure, (left, right) = style.panels(1.5 + 0.5 * len(groups), 1, 2, width_ratios=(1.5, 1))
-    series = (("before", style.ORANGE, "o", -0.14), ("during", BLUE, "D", 0.14))
-    for when, colour, marker, shift in series:
-        values = [factor * float(entry[f"{when}_kt"]) for entry in groups.values()]
+    groups = field_test["groups"]
+    figure, (left, right) = html.panels(1.5 + 0.5 * len(groups), 1, 2, width_ratios=(1.5, 1))
+    for when, colour, marker, shift in (("before", html.ORANGE, "o", -1), ("during", BLUE, "D", 1)):
+        values, ends = _speeds(groups.values(), when, units)
         left.plot(values, range(len(groups)), marker, color=colour, markersize=7, label=when)
         for row, (value, entry) in enumerate(zip(values, groups.values(), strict=True)):
-            ends = scaled(entry.get(f"{when}_ci_kt"), factor)
-            left.plot(ends, [row + shift] * 2, color=colour, linewidth=1.3)
-            side = 1 if (entry["before_kt"] > entry["during_kt"]) == (when == "before") else -1
+            left.plot(ends[:, row], [row + 0.14 * shift] * 2, color=colour, linewidth=1.3)
+            side = shift if entry["before_kt"] <= entry["during_kt"] else -shift
             look = Look(va="center", ha="left" if side > 0 else "right", fontsize=9)
-            style.annotate(left, f"{value:.2f}", (value, row), (9 * side, 0), **look)
+            html.annotate(left, f"{value:.2f}", (value, row), (9 * side, 0), **look)
     names = [f"{name}\n{entry['aircraft']} aircraft" for name, entry in groups.items()]
-    style.rows_axis(left, names, f"mean vector disagreement ({units})")
+    html.rows_axis(left, names, f"mean vector disagreement ({units})")
     left.margins(x=0.16)
     changes = [(f"{name}: reduction", one, "reduction", SOFT) for name, one in groups.items()]
     for ending, label in (("", "linear"), ("_quadrature", "quadrature")):
-        if field_test.get(f"adjusted_reduction{ending}_kt") is not None:
-            key = f"adjusted_reduction{ending}"
+        key = f"adjusted_reduction{ending}"
+        if field_test.get(f"{key}_kt") is not None:
             changes.append((f"adjusted, {label}", field_test, key, BLUE))
     look = Look(ha="center", fontsize=8.5)
     look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
     for row, (_, entry, key, colour) in enumerate(changes):
-        value, ends = factor * entry[f"{key}_kt"], scaled(entry.get(f"{key}_ci_kt"), factor)
-        style.intervals(right, value, ends, row, color=colour, markersize=6)
-        style.annotate(right, f"{value:+.2f}", (value, row), (0, 6), **look)
-    style.zero_line(right)
-    style.rows_axis(right, [label for label, *_ in changes], f"reduction ({units})")
+        value, ends = _speeds([entry], key, units)
+        html.intervals(right, value, ends, row, color=colour, markersize=6)
+        html.annotate(right, f"{value[0]:+.2f}", (value[0], row), (0, 6), **look)
+    html.zero_line(right)
+    html.rows_axis(right, [label for label, *_ in changes], f"reduction ({units})")
     right.margins(x=0.14)
     figure.legend(loc="outside upper left", ncols=2)
     both = ("reports_before", "reports_during")
@@ -132,19 +134,19 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
 
 
 def _scrutiny_figure(field_test: Content, units: Units) -> Figure:
-    figure, (left, right) = style.panels(3.7, 1, 2)
-    factor, rows = shown_per_kt(units), field_test.get("by_aircraft", [])
+    figure, (left, right) = html.panels(3.7, 1, 2)
+    factor, rows = html.per_kt(units), field_test.get("by_aircraft", [])
     left.set_title("Each aircraft")
-    each = pd.DataFrame(rows, columns=["group", "before_kt", "during_kt"])
-    values = factor * each[["before_kt", "during_kt"]].to_numpy(float)
-    if np.isfinite(values).any():
+    each = pd.DataFrame(rows, columns=["group", "before_kt", "during_kt"]).set_index("group")
+    values = factor * each.astype(float)
+    if np.isfinite(values).any(axis=None):
         for name, colour, marker in (("controls", SOFT, "s"), ("corrected", BLUE, "o")):
             look = Look(color=colour, alpha=0.85, markersize=5.5, label=name)
-            left.plot(*values[each["group"] == name].T, marker, **look)
-        _equal_axes(left, values, f"before ({units})", f"during ({units})")
+            left.plot(*values[values.index == name].to_numpy().T, marker, **look)
+        _equal_axes(left, values.to_numpy(), f"before ({units})", f"during ({units})")
         left.legend(loc="upper left")
     else:
-        style.blank(left, "No results by aircraft.")
+        html.blank(left, "No results by aircraft.")
     right.set_title("Permutation test over aircraft")
     words = "Too few aircraft for a permutation test."
     permutation = field_test.get("permutation") or {"null_effects_kt": []}
@@ -160,7 +162,7 @@ def _scrutiny_figure(field_test: Content, units: Units) -> Figure:
             f"p value of the effect {permutation['p_value']:.3g}."
         )
     else:
-        style.blank(right, words)
+        html.blank(right, words)
     return figure.say(
         f"Left: mean disagreement (n = {len(rows)} aircraft); below the line it fell. {words}"
     )
@@ -168,46 +170,45 @@ def _scrutiny_figure(field_test: Content, units: Units) -> Figure:
 
 def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
     """Return the section on the field test."""
-    units, factor = show.units, shown_per_kt(show.units)
-    gain = _change(field_test, "adjusted_reduction", units)
-    lead = f"Reduction of the corrected aircraft beyond the controls: {gain}"
-    if field_test.get("adjusted_reduction_quadrature_kt") is not None:
-        quadrature = _change(field_test, "adjusted_reduction_quadrature", units)
+    units, gain = show.units, "adjusted_reduction"
+    lead = "Reduction of the corrected aircraft beyond the controls: "
+    lead += _change(field_test, gain, units)
+    if field_test.get(f"{gain}_quadrature_kt") is not None:
+        quadrature = _change(field_test, f"{gain}_quadrature", units)
         lead += f" as a linear difference, {quadrature} in quadrature"
     if field_test.get("reference"):
         lead += f", against {field_test['reference']}"
-    rows = []
-    for name, entry in field_test["groups"].items():
-        row = {"group": name, "aircraft": entry["aircraft"]}
-        for key in ("before", "during", "reduction"):
-            row[f"{key} ({units})"] = _change(entry, key, units, unit=False)
-        for when in ("before", "during"):
-            row[f"reports {when}"] = f"{int(entry.get(f'reports_{when}', 0)):,}"
-        rows.append(row)
+    groups = field_test["groups"]
+    columns = {
+        "group": groups,
+        "aircraft": [entry["aircraft"] for entry in groups.values()],
+        **{
+            f"{key} ({units})": [_change(one, key, units, unit=False) for one in groups.values()]
+            for key in ("before", "during", "reduction")
+        },
+        **{
+            f"reports {when}": [
+                f"{int(one.get(f'reports_{when}', 0)):,}" for one in groups.values()
+            ]
+            for when in ("before", "during")
+        },
+    }
     caption = "Mean vector disagreement; in brackets 95 % intervals."
-    parts = [show("field_test", field_test_figure(field_test, units=units))]
-    parts.append(html.table(rows, words=["group"], caption=caption))
-    checks = []
+    checks, lines = [], []
     if field_test.get("by_aircraft") or field_test.get("permutation"):
         checks.append(show("field_test_checks", _scrutiny_figure(field_test, units)))
-    lines = []
-    chosen = field_test.get("regression_to_the_mean") or {}
-    if (by_chance := chosen.get("spurious_reduction_kt")) is not None:
-        lines.append(
-            "Regression to the mean: choosing as many of the worst aircraft in an earlier period "
-            f"would have given {factor * by_chance:+.2f} {units} without any correction."
-        )
-    nearest = field_test.get("matched_controls") or {}
-    if (matched := nearest.get("adjusted_reduction_kt")) is not None:
-        lines.append(
-            f"Matched controls: against the control most similar before the test, a corrected "
-            f"aircraft improved by {factor * matched:+.2f} {units} on average."
-        )
+    for part, key, words in _CHECKS:
+        if (value := (field_test.get(part) or {}).get(key)) is not None:
+            lines.append(words.format(f"{html.per_kt(units) * value:+.2f} {units}"))
     if field_test.get("predicted_reduction_kt") is not None:
         predicted = _change(field_test, "predicted_reduction", units)
         lines.append(f"Predicted from the fits before the test: {predicted}.")
     checks.append(html.listing([*lines, *field_test.get("notes", [])]))
-    parts.append(html.folded("Checks: single aircraft, permutation, choice of groups", *checks))
+    parts = [
+        show("field_test", field_test_figure(field_test, units=units)),
+        html.table(columns, words=["group"], caption=caption),
+        html.folded("Checks: single aircraft, permutation, choice of groups", *checks),
+    ]
     return html.Section("field-test", "Field test", f"{lead}.", parts)
 
 
@@ -215,19 +216,17 @@ def ranking_section(
     ranking: Sequence[Content], virtual: Content | None, show: html.Figures
 ) -> html.Section:
     """Return the section on the ranking of aircraft and the accuracy of its predictions."""
-    title, units, factor = "Which aircraft to correct first", show.units, shown_per_kt(show.units)
+    title, units = "Which aircraft to correct first", show.units
     known = [entry for entry in ranking if entry["expected_gain_kt"] is not None]
     if not known:
         return html.Section("ranking", title)
     gain, level = (_change(known[0], key, units) for key in ("expected_gain", "disagreement"))
     lead = f"Largest expected reduction: {known[0]['aircraft']}, by {gain} of {level}."
     shown = known[:_MOST_ROWS]
-    figure, axes = style.panels(1.1 + 0.26 * max(len(shown), 2))
-    gains = factor * np.array([entry["expected_gain_kt"] for entry in shown])
-    ends = np.transpose([scaled(entry["expected_gain_ci_kt"], factor) for entry in shown])
-    names = [entry["aircraft"] for entry in shown]
-    label = f"expected reduction of the mean vector disagreement ({units})"
-    style.interval_rows(axes, names, gains, ends, label, color=BLUE, markersize=5.5)
+    figure, axes = html.panels(1.1 + 0.26 * max(len(shown), 2))
+    names, label = [one["aircraft"] for one in shown], "expected reduction of the mean vector"
+    values = names, *_speeds(shown, "expected_gain", units), f"{label} disagreement ({units})"
+    html.interval_rows(axes, *values, color=BLUE, markersize=5.5)
     left_out = len(ranking) - len(known)
     others = f"; {left_out} without a usable fit" if left_out else ""
     figure.say(
@@ -239,17 +238,20 @@ def ranking_section(
         part = (virtual or {}).get(key) or {}
         if None in (part.get("realised_gain_kt"), part.get("predicted_gain_kt")):
             continue
-        aircraft, outside = plural(len(part["by_aircraft"]), "aircraft"), ""
-        low, high = scaled(part["predicted_gain_ci_kt"], 1.0)
+        each, outside = part["by_aircraft"], ""
+        low, high = np.array(part["predicted_gain_ci_kt"], float)
         if part["realised_gain_kt"] < low or part["realised_gain_kt"] > high:
             outside = ". The realised reduction is outside the interval of the prediction"
-            if apart := [one["aircraft"] for one in part["by_aircraft"] if one["agree"] is False]:
-                whom = joined(apart, most=8)
+            if apart := [one["aircraft"] for one in each if one["agree"] is False]:
+                whom = html.joined(apart, most=8)
                 outside += f"; the two differ by more than their errors for {whom}"
+        realised, predicted = (
+            _change(part, f"{kind}_gain", units) for kind in ("realised", "predicted")
+        )
         lines.append(
-            f"{words.format_map(part)}, {plural(part['reports'], 'report')} of {aircraft}: "
-            f"realised reduction {_change(part, 'realised_gain', units)}, predicted "
-            f"{_change(part, 'predicted_gain', units)}{outside}."
+            f"{words.format_map(part)}, {plural(part['reports'], 'report')} of "
+            f"{plural(len(each), 'aircraft')}: realised reduction {realised}, predicted "
+            f"{predicted}{outside}."
         )
     if virtual and lines:
         inner = show("virtual_field_test", _prediction_figure(virtual, units))
@@ -259,26 +261,22 @@ def ranking_section(
 
 
 def _prediction_figure(virtual: Content, units: Units) -> Figure:
-    figure, panels = style.panels(3.8, 1, 2)
-    total, factor, kinds = 0, shown_per_kt(units), ("predicted", "realised")
+    figure, panels = html.panels(3.8, 1, 2)
+    total, kinds = 0, ("predicted", "realised")
     for axes, (key, (title, _)) in zip(panels, _HELD_OUT.items(), strict=True):
         axes.set_title(title)
         rows = (virtual.get(key) or {}).get("by_aircraft") or []
         if not rows:
-            style.blank(axes, "Too few reports.")
+            html.blank(axes, "Too few reports.")
             continue
         total += len(rows)
-        (x, y), (x_ends, y_ends) = (
-            factor
-            * np.array([[row[f"{kind}_gain_{end}"] for row in rows] for kind in kinds], float)
-            for end in ("kt", "ci_kt")
-        )
-        axes.hlines(y, *x_ends.T, color=FAINT, linewidth=1.4)
-        axes.vlines(x, *y_ends.T, color=FAINT, linewidth=1.4)
+        (x, x_ends), (y, y_ends) = (_speeds(rows, f"{kind}_gain", units) for kind in kinds)
+        axes.hlines(y, *x_ends, color=FAINT, linewidth=1.4)
+        axes.vlines(x, *y_ends, color=FAINT, linewidth=1.4)
         colours = [VERMILION if row["agree"] is False else BLUE for row in rows]
         axes.scatter(x, y, s=30 if len(rows) < 200 else 9, c=colours, zorder=2)
         for row, *point in zip(rows, x, y, strict=True) if len(rows) <= 12 else ():
-            style.annotate(axes, row["aircraft"], point, (5, -9), fontsize=8, color=SOFT)
+            html.annotate(axes, row["aircraft"], point, (5, -9), fontsize=8, color=SOFT)
         labels = (f"{kind} reduction ({units})" for kind in kinds)
         _equal_axes(axes, np.array([*x, *y, 0.0]), *labels)
     return figure.say(
@@ -292,7 +290,7 @@ def _pair_name(pair: Content) -> str:
     return " - ".join(map(str, pair["references"]))
 
 
-@style.drawing()
+@html.drawing()
 def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
     """Draw the fleet's common difference of each coefficient for every pair of references.
 
@@ -308,21 +306,25 @@ def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
     """
     shown = [pair for pair in pairs if pair["fleet"].get("difference")]
     if not shown:
-        return style.empty_figure("No pair of references has enough reports to compare")
-    figure, axes = style.panels(1.2 + 0.55 * len(shown))
+        return html.empty_figure("No pair of references has enough reports to compare")
+    figure, axes = html.panels(1.2 + 0.55 * len(shown))
     for index, name in enumerate(COEFFICIENTS):
-        value = np.array([pair["fleet"]["difference"][name] for pair in shown], float)
-        half = NORMAL_95 * np.array([pair["fleet"]["standard_error"][name] for pair in shown])
-        colour, marker = style.series_style(index)
-        y, look = np.arange(len(shown)) + 0.14 * (index - 2), Look(color=colour, marker=marker)
-        style.intervals(axes, value, (value - half, value + half), y, label=name, **look)
-    style.zero_line(axes)
-    slices = (f"{pair['slice']}: " if pair.get("slice") else "" for pair in shown)
-    verdicts = [_VERDICTS[pair.get("poolable")] for pair in shown]
-    each = zip(slices, map(_pair_name, shown), verdicts, strict=True)
-    names = [f"{part}{name}\n{words}" for part, name, (words, _) in each]
-    style.rows_axis(axes, names, "difference of the coefficient (degree)")
-    for label, (_, colour) in zip(axes.get_yticklabels(), verdicts, strict=True):
+        value, error = (
+            np.array([pair["fleet"][kind][name] for pair in shown], float)
+            for kind in ("difference", "standard_error")
+        )
+        half, y = NORMAL_95 * error, np.arange(len(shown)) + 0.14 * (index - 2)
+        look = html.series(index, label=name)
+        html.intervals(axes, value, (value - half, value + half), y, **look)
+    names, colours = [], []
+    for pair in shown:
+        words, colour = _VERDICTS[pair.get("poolable")]
+        part = f"{pair['slice']}: " if pair.get("slice") else ""
+        names.append(f"{part}{_pair_name(pair)}\n{words}")
+        colours.append(colour)
+    html.zero_line(axes)
+    html.rows_axis(axes, names, "difference of the coefficient (degree)")
+    for label, colour in zip(axes.get_yticklabels(), colours, strict=True):
         label.set_color(colour)
     figure.legend(loc="outside upper right", ncols=len(COEFFICIENTS))
     reports = max(int(pair.get("reports", 0)) for pair in shown)
@@ -338,8 +340,8 @@ def _aircraft_differences_figure(pair: Content) -> Figure:
     rows = sorted(known, key=lambda entry: -abs(entry["amplitude"]["difference"] or 0.0))
     rows = rows[:_MOST_ROWS]
     if not rows:
-        return style.empty_figure("No aircraft has enough reports against both references")
-    figure, panels = style.panels(1.2 + max(0.2 * len(rows), 0.8), 1, 2, sharey=True)
+        return html.empty_figure("No aircraft has enough reports against both references")
+    figure, panels = html.panels(1.2 + max(0.2 * len(rows), 0.8), 1, 2, sharey=True)
     label, y = "difference (degree)", np.arange(len(rows))
     for axes, name in zip(panels, ("amplitude", "offset"), strict=True):
         value = np.array([entry[name]["difference"] for entry in rows], float)
@@ -347,12 +349,12 @@ def _aircraft_differences_figure(pair: Content) -> Figure:
         colours = np.where((ends[0] > 0) | (ends[1] < 0), VERMILION, SOFT)
         axes.hlines(y, *ends, colors=colours, linewidth=1.3)
         axes.scatter(value, y, s=16, c=colours, zorder=2)
-        style.zero_line(axes)
+        html.zero_line(axes)
         axes.set(title=name.capitalize(), xlabel=label)
         if np.isfinite(ends).any():
             reach = 1.1 * float(np.nanpercentile(np.abs(ends), 97)) or 1.0
             axes.set_xlim(-reach, reach)
-    style.rows_axis(panels[0], [entry["aircraft"] for entry in rows], label)
+    html.rows_axis(panels[0], [entry["aircraft"] for entry in rows], label)
     more = f" of {len(known)}, those with the largest" if len(known) > len(rows) else ""
     return figure.say(
         f"{_pair_name(pair)}: difference of each aircraft with 95 % intervals "
@@ -362,7 +364,7 @@ def _aircraft_differences_figure(pair: Content) -> Figure:
 
 def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Section:
     """Return the section on the comparison of references."""
-    title, pairs = "Comparison of references", sensitivity.get("pairs")
+    title, pairs, units = "Comparison of references", sensitivity.get("pairs"), show.units
     if not pairs:
         return html.Section("sensitivity", title)
     lead = "Some pairs of references have too few reports to decide."
@@ -372,56 +374,62 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
         named = "; ".join(f"{_pair_name(pair)} ({_why(pair)})" for pair in apart[:2])
         more = f", and {len(apart) - 2} more pairs" if len(apart) > 2 else ""
         lead = f"Not poolable: {named}{more}."
-    details = [_pair_table(pairs, "Every pair.", show.units)]
+    details = [_pair_table(pairs, "Every pair.", units)]
     for pair in pairs:
         # A pool against its member repeats the difference of the members, reduced.
         if pair.get("aircraft") and pair.get("own_test", True):
             name = f"references_{'_'.join(pair['references'])}"
             details.append(show(name, _aircraft_differences_figure(pair)))
-    for key, words in _SLICES.items():
-        if slices := sensitivity.get(key):
-            details.append(_pair_table(slices, f"By {words}.", show.units))
-    corners = []
-    for entry in sensitivity.get("three_way") or []:
-        for corner in entry.get("errors", []):
-            error = corner.get("component_rms")
-            rms = number_text(error, factor=shown_per_m_s(show.units))
-            corners.append(
-                {
-                    "three references": ", ".join(entry["references"]),
-                    "reference": corner["reference"],
-                    f"error of a component ({show.units} rms)": (
-                        "negative variance" if error is None else rms
-                    ),
-                    "reports": f"{int(entry['reports']):,}",
-                }
-            )
+    for words in _SLICES:
+        if slices := sensitivity.get(f"by_{words.removesuffix(' of flight').replace(' ', '_')}"):
+            details.append(_pair_table(slices, f"By {words}.", units))
+    corners = [
+        {
+            "three references": ", ".join(entry["references"]),
+            "reference": corner["reference"],
+            f"error of a component ({units} rms)": (
+                "negative variance"
+                if corner.get("component_rms") is None
+                else html.number_text(corner["component_rms"], factor=html.per_m_s(units))
+            ),
+            "reports": f"{int(entry['reports']):,}",
+        }
+        for entry in sensitivity.get("three_way") or []
+        for corner in entry.get("errors", [])
+    ]
     note = (
         "Three-cornered hat. It assumes independent errors of the three references; references "
         "that assimilate the same reports get too small an error."
     )
     if corners:
         details.append(html.heading("Error of each reference"))
-    text = ("three references", "reference")
-    details.append(html.table(corners, words=text, caption=note))
-    parts = [show("references", pair_differences_figure(pairs))]
-    parts.append(html.folded("Tables, single aircraft, and slices of the reports", *details))
+    details.append(html.table(corners, words=("three references", "reference"), caption=note))
+    parts = [
+        show("references", pair_differences_figure(pairs)),
+        html.folded("Tables, single aircraft, and slices of the reports", *details),
+    ]
     return html.Section("sensitivity", title, lead, parts)
 
 
 def _pair_table(pairs: Sequence[Content], caption: str, units: Units) -> Markup:
-    wind, rows = f"difference of the winds ({units})", []
+    rows = []
     for pair in pairs:
         p_value = pair["fleet"].get("p_value") if pair.get("own_test", True) else None
-        row = {"slice": pair["slice"]} if pair.get("slice") else {}
-        row |= {"pair": _pair_name(pair), "verdict": _VERDICTS[pair.get("poolable")][0]}
-        row |= {"why": _why(pair)}
-        curves = number_text(pair["fleet"].get("curve_rms_deg"))
-        row["difference of the curves (degree rms)"] = curves
-        row["p value"] = "-" if p_value is None or np.isnan(p_value) else f"{p_value:.2g}"
         speed = pair.get("mean_vector_difference_m_s")
-        row[wind] = number_text(speed, factor=shown_per_m_s(units))
-        rows.append(row | {"reports": f"{int(pair.get('reports', 0)):,}"})
+        row = {
+            "pair": _pair_name(pair),
+            "verdict": _VERDICTS[pair.get("poolable")][0],
+            "why": _why(pair),
+            "difference of the curves (degree rms)": html.number_text(
+                pair["fleet"].get("curve_rms_deg")
+            ),
+            "p value": "-" if p_value is None or np.isnan(p_value) else f"{p_value:.2g}",
+            f"difference of the winds ({units})": html.number_text(
+                speed, factor=html.per_m_s(units)
+            ),
+            "reports": f"{int(pair.get('reports', 0)):,}",
+        }
+        rows.append(({"slice": pair["slice"]} if pair.get("slice") else {}) | row)
     doubt, words = [pair.get("poolable") is None for pair in pairs], ("slice", "pair", "verdict")
     return html.table(rows, words=words, long=["why"], caption=caption, doubt=doubt)
 
@@ -434,12 +442,15 @@ def _why(pair: Content) -> str:
 
 def report_errors_section(errors: xr.Dataset, show: html.Figures) -> html.Section:
     """Return the section on the observation error of the reports alone."""
-    title = "Observation error of the reports"
+    title, units, factor = (
+        "Observation error of the reports",
+        show.units,
+        html.per_m_s(show.units),
+    )
     why = str(errors.attrs.get("method_reason", "")).replace("m2/s2", "m²/s²")
     used = str(errors.attrs.get("method", ""))
     if not used:
         return html.Section("report-errors", title, "It could not be determined.", [why])
-    factor, units = shown_per_m_s(show.units), show.units
     lines = [f"Method: {_METHODS.get(used, used)} ({why})."]
     before, after = factor * errors["aircraft_observation_error"].transpose("state", ...)
     gain = (before - after).to_numpy()
@@ -449,41 +460,40 @@ def report_errors_section(errors: xr.Dataset, show: html.Figures) -> html.Sectio
             f"Largest improvement: {errors['aircraft'].to_numpy()[best]}, {before[best]:.2f} "
             f"{units} as reported, {after[best]:.2f} corrected."
         )
-    key, rows = "fleet_observation_error_by_method", []
-    for method, words in _METHODS.items():
-        row = {"method": words}
-        for state, *_ in style.STATES:
-            chosen = errors.sel(way=method, state=state)
-            ends = chosen[f"{key}_interval"].to_numpy().tolist()
-            row[f"{state} ({units})"] = amount(chosen[key], ends, factor=factor)
-        rows.append(row)
+    columns: dict[str, list[str]] = {"method": list(_METHODS.values())}
+    for state, *_ in html.STATES:
+        fleet = errors.sel(state=state, way=list(_METHODS))
+        names = (f"fleet_observation_error_by_method{end}" for end in ("", "_interval"))
+        both = zip(*(fleet[name].transpose("way", ...).values for name in names), strict=True)
+        columns[f"{state} ({units})"] = [html.amount(*one, factor=factor) for one in both]
     caption = (
         "Error of a component over all reports, with 95 % intervals. The three-cornered hat counts "
         "the common error of the references as error of the reports. Grey italics: not used."
     )
     doubt = [method != used for method in _METHODS]
-    methods = html.table(rows, words=["method"], caption=caption, doubt=doubt)
-    parts = [show("observation_errors", _report_errors_figure(errors, units))]
-    parts.append(html.folded("Both methods", methods, html.listing(lines)))
+    methods = html.table(columns, words=["method"], caption=caption, doubt=doubt)
+    parts = [
+        show("observation_errors", _report_errors_figure(errors, units)),
+        html.folded("Both methods", methods, html.listing(lines)),
+    ]
     return html.Section("report-errors", title, worth_sentence(errors, units=units), parts)
 
 
 def _report_errors_figure(errors: xr.Dataset, units: Units) -> Figure:
-    known = errors["observation_error"].notnull().any("state")
-    cells = {phase: int(known.sel(flight_phase=phase).sum()) for phase in _PHASES}
-    phases = [phase for phase in _PHASES if cells[phase]]
+    known = errors["observation_error"].notnull().any("state").sum("layer")
+    cells = {phase: int(known.sel(flight_phase=phase)) for phase in ("ascent", "cruise", "descent")}
+    phases = [phase for phase in cells if cells[phase]]
     if not phases:
         message = "Too few reports near each other to separate the observation error"
-        return style.empty_figure(message)
-    factor = shown_per_m_s(units)
-    shared = Look(sharey=True, sharex=True, squeeze=False)
-    figure, (panels,) = style.panels(4.2, 1, len(phases), **shared)
+        return html.empty_figure(message)
+    factor, shared = html.per_m_s(units), Look(sharey=True, sharex=True, squeeze=False)
+    figure, (panels,) = html.panels(4.2, 1, len(phases), **shared)
     level = (errors["layer_bottom_pressure"] + errors["layer_top_pressure"]).to_numpy() / 200.0
     for axes, phase in zip(panels, phases, strict=True):
         for name, (label, line) in _USED_ELSEWHERE.items():
             look = Look(color=SOFT, linewidth=1.0, linestyle=line, label=label)
             axes.plot(factor * errors[name].to_numpy(), level, **look)
-        for index, (state, colour, marker) in enumerate(style.STATES):
+        for index, (state, colour, marker) in enumerate(html.STATES):
             chosen = errors.sel(flight_phase=phase, state=state)
             value = factor * chosen["observation_error"].to_numpy()
             ends = factor * chosen["observation_error_interval"].to_numpy().T
@@ -491,13 +501,13 @@ def _report_errors_figure(errors: xr.Dataset, units: Units) -> Figure:
             ends = np.where(np.isnan(ends), value, ends)[:, shown]
             look = Look(color=colour, marker=marker, linestyle="-", linewidth=1.4)
             y = level[shown] + 8.0 * (index - 0.5)
-            style.intervals(axes, value[shown], ends, y, label=f"as {state}", **look)
+            html.intervals(axes, value[shown], ends, y, label=f"as {state}", **look)
         axes.set(title=phase, xlabel=f"error of a component ({units})")
     panels[0].set_xlim(left=0.0)
     panels[0].set(ylim=(1000, 200), ylabel="pressure (hPa)")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     number = int(errors["observation_count"].sel(flight_phase="all").sum())
-    missing = " and ".join(phase for phase in _PHASES if phase not in phases)
+    missing = " and ".join(phase for phase in cells if phase not in phases)
     few = f" Too few reports near each other in {missing}." if missing else ""
     return figure.say(
         "Standard error of a wind component, with 95 % intervals; grey: used in assimilation "
@@ -507,18 +517,17 @@ def _report_errors_figure(errors: xr.Dataset, units: Units) -> Figure:
 
 def worth_sentence(errors: xr.Dataset, *, units: Units = "kt") -> str:
     """Return a sentence on the observation error and on the weight of a corrected report."""
-    value = shown_per_m_s(units) * errors["fleet_observation_error"]
-    before, after = (float(value.sel(state=state)) for state, *_ in style.STATES)
-    text = (
+    value = html.per_m_s(units) * errors["fleet_observation_error"]
+    before, after = (float(value.sel(state=state)) for state, *_ in html.STATES)
+    sentence = (
         f"Standard error of a wind component, without the error of the reference: {before:.2f} "
-        f"{units} as reported, {after:.2f} {units} corrected"
+        f"{units} as reported, {after:.2f} {units} corrected."
     )
     gain = float(errors["fleet_weight_gain"])
-    if not np.isfinite(gain):
-        return f"{text}."
-    digits = 0 if gain >= 10 else 1
-    interval = range_text(errors["fleet_weight_gain_interval"].to_numpy().tolist(), digits=digits)
-    return (
-        f"{text}. In an analysis a corrected report has the weight of {gain:.{digits}f} "
-        f"uncorrected reports{interval}."
-    )
+    if np.isfinite(gain):
+        ends, digits = errors["fleet_weight_gain_interval"].to_numpy(), 0 if gain >= 10 else 1
+        sentence += (
+            f" In an analysis a corrected report has the weight of {gain:.{digits}f} uncorrected "
+            f"reports{html.range_text(ends, digits=digits)}."
+        )
+    return sentence

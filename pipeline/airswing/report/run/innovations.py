@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 
 from airswing.evaluation.innovations import combined
 from airswing.flags import PHASE
-from airswing.report.html import document as html
-from airswing.report.html import style
-from airswing.report.html.style import STATES, Look
-from airswing.report.html.text import Units, number_text, plural, shown_per_m_s
+from airswing.report import html
+from airswing.report.html import STATES, Look, Units, number_text, per_m_s, plural
 from airswing.report.run.changes import date_axis, days_since_1970
 from airswing.report.run.selection import Run, members, names_of, pooled, rows_of
 
@@ -36,7 +34,7 @@ _NONE = "No report with a phase, a layer and a reference wind"
 
 def _unit(quantity: str, units: Units) -> tuple[str, float]:
     """Return the unit of a quantity as shown, and the factor to it."""
-    return ("degree", 1.0) if quantity == "direction" else (units, shown_per_m_s(units))
+    return ("degree", 1.0) if quantity == "direction" else (units, per_m_s(units))
 
 
 def _cells_by(statistics: xr.Dataset, by: str) -> xr.Dataset:
@@ -54,11 +52,11 @@ def _innovation_figure(statistics: xr.Dataset, units: Units) -> Figure:
     aircraft, *others = (_cells_by(statistics, by) for by in _CELLS)
     reports = aircraft["innovation_speed_count"].isel(state=0).to_numpy()
     if not reports.sum():
-        return style.empty_figure(_NONE)
+        return html.empty_figure(_NONE)
     order = np.argsort(-reports, kind="stable")[:_MOST_AIRCRAFT]
     cells = [aircraft.isel(row=order), *others]
     rows = [name for part in cells for name in names_of(part, "row")]
-    figure, panels = style.panels(1.1 + 0.2 * len(rows), 1, len(_QUANTITIES), sharey=True)
+    figure, panels = html.panels(1.1 + 0.2 * len(rows), 1, len(_QUANTITIES), sharey=True)
     for axes, quantity in zip(panels, _QUANTITIES, strict=True):
         unit, factor = _unit(quantity, units)
         for index, (state, colour, marker) in enumerate(STATES):
@@ -69,10 +67,10 @@ def _innovation_figure(statistics: xr.Dataset, units: Units) -> Figure:
             )
             y, ends = np.arange(len(rows)) + 0.3 * (index - 0.5), (bias - spread, bias + spread)
             look = Look(color=colour, marker=marker, markersize=4.5, label=state)
-            style.intervals(axes, bias, ends, y, **look)
-        style.zero_line(axes)
+            html.intervals(axes, bias, ends, y, **look)
+        html.zero_line(axes)
         axes.set_xlabel(f"{quantity} ({unit})")
-    style.rows_axis(panels[0], rows, panels[0].get_xlabel())
+    html.rows_axis(panels[0], rows, panels[0].get_xlabel())
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return figure.say(
         f"Observation minus {statistics['reference'].item()} (n = "
@@ -85,22 +83,22 @@ def _innovation_histogram_figure(statistics: xr.Dataset, units: Units) -> Figure
     counts, reference = statistics["innovation_histogram"], statistics["reference"].item()
     number = int(counts.sel(state="reported").sum())
     if not number:
-        return style.empty_figure(_NONE)
+        return html.empty_figure(_NONE)
     lower = statistics["eastward_class"].to_numpy().astype(float)
-    ends = shown_per_m_s(units) * np.array([lower[0], 2 * lower[-1] - lower[-2]])
-    figure, panels = style.panels(4.6, 1, 2, sharex=True, sharey=True)
-    look = Look(cmap=style.DENSITY, norm=LogNorm(1, max(int(counts.max()), 2)), origin="lower")
+    ends = per_m_s(units) * np.array([lower[0], 2 * lower[-1] - lower[-2]])
+    figure, panels = html.panels(4.6, 1, 2, sharex=True, sharey=True)
+    look = Look(cmap=html.DENSITY, norm=LogNorm(1, max(int(counts.max()), 2)), origin="lower")
     for axes, (state, *_) in zip(panels, STATES, strict=True):
         grid = counts.sel(state=state).transpose("northward_class", "eastward_class")
         drawn = axes.imshow(
             grid.where(grid > 0), extent=(*ends, *ends), interpolation="nearest", **look
         )
-        style.zero_line(axes)
-        style.zero_line(axes, across=True)
+        html.zero_line(axes)
+        html.zero_line(axes, across=True)
         axes.set(title=state, xlabel=f"eastward innovation ({units})")
     panels[0].set_ylabel(f"northward innovation ({units})")
     bar = figure.colorbar(drawn, ax=list(panels), label="reports in a class", shrink=0.8)
-    style.count_ticks(bar, float(counts.max()))
+    html.count_ticks(bar, float(counts.max()))
     return figure.say(
         f"Wind vector innovation (observation minus {reference}) in classes of 1 m/s; the "
         f"outermost include all beyond (n = {plural(number, 'report')})."
@@ -112,17 +110,16 @@ def _innovation_series_figure(statistics: xr.Dataset, names: Sequence[str], unit
     day = days_since_1970(statistics["day"].to_numpy())
     number = int(chosen["daily_innovation_count"].sel(state="reported").sum())
     if not number:
-        return style.empty_figure(_NONE)
-    figure, grid = style.panels(4.6, 2, 2, sharex=True, sharey="row")
+        return html.empty_figure(_NONE)
+    figure, grid = html.panels(4.6, 2, 2, sharex=True, sharey="row")
     for panels, quantity in zip(grid, ("speed", "direction"), strict=True):
         unit, factor = _unit(quantity, units)
         for axes, (state, *_) in zip(panels, STATES, strict=True):
             for index, name in enumerate(names):
-                colour, marker = style.series_style(index)
                 value = chosen[f"daily_innovation_{quantity}"].sel(aircraft=name, state=state)
-                look = Look(color=colour, markersize=3, linewidth=1.0, label=name)
-                axes.plot(day, factor * value.to_numpy(), marker + "-", **look)
-            style.zero_line(axes, across=True)
+                look = html.series(index, markersize=3, linewidth=1.0, label=name)
+                axes.plot(day, factor * value.to_numpy(), **look)
+            html.zero_line(axes, across=True)
             axes.set_title(f"{quantity}, {state}")
         panels[0].set_ylabel(f"innovation ({unit})")
     date_axis(grid[-1, 0])
@@ -158,9 +155,9 @@ def _sounding_figure(run: Run, headings: xr.Dataset, corrected: xr.Dataset) -> F
     """Draw the ascent or descent with the most reports of the first aircraft that has one."""
     picked, name = _sounding_reports(headings, corrected, run.order)
     if picked is None:
-        return style.empty_figure("No ascent or descent has enough reports for a sounding")
+        return html.empty_figure("No ascent or descent has enough reports for a sounding")
     reference, units = run.reference, run.units
-    ways, factor = ("eastward", "northward"), shown_per_m_s(units)
+    ways, factor = ("eastward", "northward"), per_m_s(units)
     names = [f"{of}{way}_wind" for of in ("", "reference_") for way in ways]
     picked = picked[np.argsort(-headings["pressure"].isel(report=picked).to_numpy())]
     reports = headings[["time", "pressure", *names]].isel(report=picked).load()
@@ -172,17 +169,16 @@ def _sounding_figure(run: Run, headings: xr.Dataset, corrected: xr.Dataset) -> F
         ],
         reference: [pooled(reports, chosen, f"reference_{way}_wind") for way in ways],
     }
-    figure, panels = style.panels(4.6, 1, 3, sharey=True, width_ratios=(1, 1, 0.45))
+    figure, panels = html.panels(4.6, 1, 3, sharey=True, width_ratios=(1, 1, 0.45))
     # At most 20 barbs in a column, or they cover each other.
     few = slice(None, None, max(1, -(-picked.size // 20)))
-    colours = (style.ORANGE, style.BLUE, style.INK)
+    colours = (html.ORANGE, html.BLUE, html.INK)
     for place, (colour, (label, (u, v))) in enumerate(zip(colours, winds.items(), strict=True)):
-        _, marker = style.series_style(place)
-        look = Look(color=colour, markersize=3.5)
-        speed = factor * np.hypot(u, v)
-        panels[0].plot(speed, pressure, marker + "-", label=label, linewidth=1.3, **look)
+        look = html.series(place, markersize=3.5) | {"color": colour}
+        panels[0].plot(factor * np.hypot(u, v), pressure, label=label, linewidth=1.3, **look)
         # without a line, which would cross the panel where directions pass north
-        panels[1].plot(np.degrees(np.arctan2(-u, -v)) % 360.0, pressure, marker, **look)
+        direction = np.degrees(np.arctan2(-u, -v)) % 360.0
+        panels[1].plot(direction, pressure, linestyle="", **look)
         x, barbs = np.full(pressure[few].size, float(place)), (factor * u[few], factor * v[few])
         panels[2].barbs(x, pressure[few], *barbs, length=5.5, color=colour, linewidth=0.7)
     panels[0].set_xlim(left=0.0)

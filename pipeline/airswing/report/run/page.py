@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -21,18 +20,16 @@ from airswing.evaluation import Evaluation
 from airswing.flags import published
 from airswing.products.ragged import time_span
 from airswing.products.whole_files import write_text
-from airswing.report.html import document as html
-from airswing.report.html import style
+from airswing.report import html
+from airswing.report.html import FAINT, SOFT, Look, Units, interval_text, plural
 from airswing.report.html.maps import places_section
-from airswing.report.html.style import FAINT, SOFT, Look
-from airswing.report.html.text import Units, interval_text, number_text, plural, shown_per_kt
 from airswing.report.run import evaluation as judged
 from airswing.report.run import heading_error as compass
 from airswing.report.run import selection
 from airswing.report.run.changes import monitoring_section, stability_section
 from airswing.report.run.innovations import innovations_section
 from airswing.report.run.reading_warnings import model_reasons, reading_warnings, tally
-from airswing.report.run.selection import BeforeAfter, Run, Total, names_of, status_words
+from airswing.report.run.selection import BeforeAfter, Run, names_of, status_words
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
@@ -41,6 +38,13 @@ SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS, OVERVIEW = 96, 12, 12, 40
 # Most skipped report files that are named; the product names all.
 _FILES_NAMED = 20
 
+# Attributes of the headings that are listed.
+_SOURCE = {
+    "airswing_version": "version",
+    "source": "source",
+    "history": "history",
+    "uuid": "identifier of the headings",
+}
 PRODUCTS = {
     "tables.csv": "8-point tables of the fleet (CSV)",
     "swing_cards.pdf": "swing cards, a page for each aircraft with a fit (PDF)",
@@ -64,7 +68,7 @@ PRODUCTS = {
 }
 
 
-@style.drawing()
+@html.drawing()
 def write_page(
     directory: Path | str,
     *,
@@ -116,6 +120,15 @@ def write_page(
     if headings.sizes["report"]:
         first, last = np.datetime_as_string(time_span(headings), "D")
         period = str(first), str(last)
+    entries = {
+        {"watched": "monitoring"}.get(name, str(name).replace("_", " ")): value
+        for name, value in summary.items()
+        if isinstance(value, str | int | float) and not isinstance(value, bool)
+    }
+    entries |= {
+        words: headings.attrs[name] for name, words in _SOURCE.items() if name in headings.attrs
+    }
+    columns = {"item": entries, "value": entries.values()}
     sections = [
         _corrections_section(run, folder, summary),
         found.monitoring and monitoring_section(found.monitoring, show),
@@ -129,7 +142,7 @@ def write_page(
         errors is not None and judged.report_errors_section(errors, show),
         places_section(headings, show),
         _audit_section(headings, show),
-        _run_section(summary, headings),
+        html.Section("run", "This run", "", [html.table(columns, words=["item"], long=["value"])]),
     ]
     warnings = summary.get("warnings")
     text = html.document(
@@ -146,7 +159,7 @@ def write_page(
     return write_text(folder / "index.html", text)
 
 
-def _facts(run: Run, total: Total | None) -> list[tuple[str, str]]:
+def _facts(run: Run, total: BeforeAfter | None) -> list[tuple[str, str]]:
     sizes, constants = selection.fitted_sizes(run.fits, run.reference)
     fitted = f"{sizes.size + constants.size} of {run.fits.sizes['aircraft']}"
     facts = [(fitted, "aircraft fitted")]
@@ -156,7 +169,7 @@ def _facts(run: Run, total: Total | None) -> list[tuple[str, str]]:
         words = f"median offset of {constants.size} with a constant only"
         facts.append((f"{np.median(constants):+.1f}°", words))
     if total is not None and total.number:
-        before, after, reduction, half = (shown_per_kt(run.units) * value for value in total[:4])
+        before, after, reduction, half = (html.per_kt(run.units) * value for value in total[:4])
         gain = interval_text(reduction, half)
         words = f"disagreement with {run.reference}; reduction {gain} {run.units}"
         facts.append((f"{before:.1f} → {after:.1f} {run.units}", words))
@@ -164,7 +177,7 @@ def _facts(run: Run, total: Total | None) -> list[tuple[str, str]]:
     return [*facts, (f"{selection.kept_reports(run.headings):,}", reports)]
 
 
-def _corrections_section(run: Run, folder: Path, summary: Mapping[str, object]) -> html.Section:
+def _corrections_section(run: Run, folder: Path, summary: Mapping[str, Any]) -> html.Section:
     meaning = (
         "the heading error itself, in degrees to subtract from the indicated heading"
         if selection.adds_error(run.fits)
@@ -178,16 +191,38 @@ def _corrections_section(run: Run, folder: Path, summary: Mapping[str, object]) 
     )
     fit = run.fits.sel(reference=run.reference, aircraft=run.order)
     status, usable = fit["status"].to_numpy(), published(fit["status"])
-    columns, words = _correction_columns(fit, usable), ("aircraft", "status")
-    folding = "The deviation's formula, and offset, amplitude and phase"
+    # A refused fit has no numbers.
+    known = fit.where(xr.DataArray(usable, dims="aircraft"))
+    nodes = [f"{node:.0f}°" for node in fit["table_heading"].to_numpy()]
+    tables = known["table_correction"].transpose("node", "aircraft").to_numpy() + 0.0
+    columns = {
+        "aircraft": run.order,
+        **{
+            node: [interval_text(value, np.nan, digits=1, sign=True) for value in row]
+            for node, row in zip(nodes, tables, strict=True)
+        },
+        "resi\u00addual": [html.number_text(x) for x in known["table_residual_rms"].values],
+    }
+    for name, digits in (("offset", 2), ("amplitude", 2), ("phase", 0)):
+        values, halves = known[name].values, NORMAL_95 * known[f"{name}_standard_error"].values
+        pairs = zip(values, halves, strict=True)
+        columns[name] = [interval_text(value, half, digits=digits) for value, half in pairs]
+    columns["reports"] = [f"{int(number):,}" for number in fit["report_count"].to_numpy()]
+    columns["status"] = [
+        "no correction needed" if none else status_words(code)
+        for none, code in zip(selection.needs_no_correction(fit), status, strict=True)
+    ]
+    words, folding = (
+        ("aircraft", "status"),
+        "The deviation's formula, and offset, amplitude and phase",
+    )
+    there = ((PRODUCTS[one], f"../{one}") for one in PRODUCTS if (folder.parent / one).exists())
+    links = [*there, *(summary.get("links") or ())]
     parts = [
         html.table(columns, words=words, caption=caption, doubt=~usable, sortable=True),
         html.folded(folding, *selection.FORMULA),
+        html.listing(html.link(str(address), str(label)) for label, address in links),
     ]
-    more: Any = summary.get("links") or ()
-    there = (name for name in PRODUCTS if (folder.parent / name).exists())
-    links = [*((PRODUCTS[name], f"../{name}") for name in there), *more]
-    parts.append(html.listing(html.link(str(address), str(label)) for label, address in links))
     lead = "The table to load into each unit."
     if not usable.any():
         reasons = [
@@ -196,38 +231,6 @@ def _corrections_section(run: Run, folder: Path, summary: Mapping[str, object]) 
         ]
         lead = f"No table may be loaded: {', '.join(reasons)}."
     return html.Section("corrections", "Corrections", lead, parts)
-
-
-def _correction_columns(fits: xr.Dataset, usable: np.ndarray) -> dict[str, list[str]]:
-    zero, status = selection.needs_no_correction(fits), map(status_words, fits["status"].values)
-    # A refused fit has no numbers.
-    sizes = [
-        name for name in map(str, fits) if name.startswith(("table", "offset", "amp", "phase"))
-    ]
-    known = fits[sizes].where(xr.DataArray(usable, dims="aircraft"))
-
-    def with_interval(name: str, digits: int) -> list[str]:
-        pairs = zip(known[name].values, known[f"{name}_standard_error"].values, strict=True)
-        return [interval_text(value, NORMAL_95 * error, digits=digits) for value, error in pairs]
-
-    tables = known["table_correction"].transpose("node", "aircraft").to_numpy() + 0.0
-    nodes = [f"{node:.0f}°" for node in fits["table_heading"].to_numpy()]
-    return {
-        "aircraft": names_of(fits),
-        **{
-            node: [interval_text(value, np.nan, digits=1, sign=True) for value in row]
-            for node, row in zip(nodes, tables, strict=True)
-        },
-        "resi\u00addual": [number_text(x) for x in known["table_residual_rms"].values],
-        "offset": with_interval("offset", 2),
-        "amplitude": with_interval("amplitude", 2),
-        "phase": with_interval("phase", 0),
-        "reports": [f"{int(number):,}" for number in fits["report_count"].to_numpy()],
-        "status": [
-            "no correction needed" if none else words
-            for none, words in zip(zero, status, strict=True)
-        ],
-    }
 
 
 def _curves_section(run: Run, show: html.Figures) -> html.Section:
@@ -276,29 +279,28 @@ def _fleet_section(run: Run, apart: BeforeAfter | None, show: html.Figures) -> h
 
 def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
     fits, references = fits.sel(aircraft=names), names_of(fits, "reference")
-    height = 1.3 + max(0.24 * len(names), 1.2)
-    figure, (left, right) = style.panels(height, 1, 2, sharey=True)
+    figure, panels = html.panels(1.3 + max(0.24 * len(names), 1.2), 1, 2, sharey=True)
     # The intervals of one aircraft are spread over 0.54 of its row.
     shift = np.linspace(-0.27, 0.27, len(references)) if len(references) > 1 else [0.0]
-    good = published(fits["status"])
-    for axes, quantity in ((left, "amplitude"), (right, "offset")):
+    good, marked = published(fits["status"]), np.zeros((len(references), len(names)), bool)
+    for axes, quantity in zip(panels, ("amplitude", "offset"), strict=True):
         value = fits[quantity].to_numpy().astype(float)
         half = NORMAL_95 * np.nan_to_num(fits[f"{quantity}_standard_error"].to_numpy())
+        known = np.isfinite(value)
+        marked |= known
         for index, reference in enumerate(references):
-            colour, marker = style.series_style(index)
-            solid, hollow = (colour, colour, reference), ("white", SOFT, None)
-            for usable, (face, edge, label) in ((True, solid), (False, hollow)):
-                chosen = (good[index] == usable) & np.isfinite(value[index])
-                x, reach = value[index][chosen], half[index][chosen]
-                look = Look(marker=marker, markersize=4.5, markerfacecolor=face, label=label)
-                y = np.flatnonzero(chosen) + shift[index]
-                style.intervals(axes, x, (x - reach, x + reach), y, color=edge, **look)
-        style.rows_axis(axes, names, f"{quantity} of the heading error (degree)")
+            solid = html.series(index, label=reference)
+            hollow = {**solid, "color": SOFT, "markerfacecolor": "white", "label": None}
+            for usable, look in ((True, solid), (False, hollow)):
+                (rows,) = np.nonzero(known[index] & (good[index] == usable))
+                x, reach = value[index][rows], half[index][rows]
+                ends = x - reach, x + reach
+                html.intervals(axes, x, ends, rows + shift[index], markersize=4.5, **look)
+        html.rows_axis(axes, names, f"{quantity} of the heading error (degree)")
         axes.set_title(quantity.capitalize())
         # Limits from the usable fits, so that one wild fit does not compress the others.
-        known = value[good & np.isfinite(value)]
-        if known.size:
-            low, high = float(known.min()), float(known.max())
+        if (good & known).any():
+            low, high = (float(end(value[good & known])) for end in (np.min, np.max))
             margin = max(0.12 * (high - low), 0.5)
             low = 0.0 if quantity == "amplitude" else min(low - margin, 0.0)
             axes.set_xlim(low, max(high + margin, 0))
@@ -306,16 +308,18 @@ def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
             look = Look(transform=axes.transAxes, ha="center", color=SOFT)
             axes.text(0.5, 0.5, "none was fitted", **look)
             axes.set_xticks([])
-    style.zero_line(right)
-    right.tick_params(labelleft=False)
-    handles, labels = left.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=max(len(labels), 1))
-    refused = int((~good).any(axis=0).sum())
-    hollow_words = f" Hollow grey: not usable ({refused} aircraft)." if refused else ""
+    html.zero_line(panels[1])
+    panels[1].tick_params(labelleft=False)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=len(references)
+    )
+    refused, absent = (marked & ~good).any(axis=0).sum(), (~marked).all(axis=0).sum()
     reports = int(fits["report_count"].max("reference").sum())
     return figure.say(
         f"Compass deviation of {plural(len(names), 'aircraft')} against each reference, with 95 % "
-        f"intervals (n = {plural(reports, 'report')}).{hollow_words}"
+        f"intervals (n = {plural(reports, 'report')})."
+        + (f" Hollow grey: not usable ({refused} aircraft)." if refused else "")
+        + (f" Without a mark: no fit ({absent} aircraft)." if absent else "")
     )
 
 
@@ -324,21 +328,21 @@ def _before_after_figure(run: Run, apart: BeforeAfter, aircraft: Sequence[str]) 
     known, units, reference = names_of(run.headings), run.units, run.reference
     rows = [known.index(name) for name in aircraft if apart.number[known.index(name)] > 0]
     if not rows:
-        return style.empty_figure("No aircraft was corrected")
+        return html.empty_figure("No aircraft was corrected")
     rows.sort(key=lambda row: -apart.reduction[row])
     height = 1.3 + max(0.22 * len(rows), 1.2)
-    figure, (left, right) = style.panels(height, 1, 2, sharey=True, width_ratios=(1.5, 1))
+    figure, (left, right) = html.panels(height, 1, 2, sharey=True, width_ratios=(1.5, 1))
     before, after, reduction, half = (
-        shown_per_kt(units) * np.nan_to_num(part[rows]) for part in apart[:4]
+        html.per_kt(units) * np.nan_to_num(part[rows]) for part in apart[:4]
     )
     y, names = np.arange(len(rows)), [known[row] for row in rows]
     left.hlines(y, after, before, color=FAINT, linewidth=2.5)
-    left.plot(before, y, "o", color=style.ORANGE, markersize=6, label="as reported")
-    left.plot(after, y, "D", color=style.BLUE, markersize=5.5, label="corrected")
+    left.plot(before, y, "o", color=html.ORANGE, markersize=6, label="as reported")
+    left.plot(after, y, "D", color=html.BLUE, markersize=5.5, label="corrected")
     left.set_xlim(left=0)
-    style.rows_axis(left, names, f"mean vector disagreement with {reference} ({units})")
+    html.rows_axis(left, names, f"mean vector disagreement with {reference} ({units})")
     label, ends = f"reduction ({units}), 95 % interval", (reduction - half, reduction + half)
-    style.interval_rows(right, names, reduction, ends, label, color=style.INK)
+    html.interval_rows(right, names, reduction, ends, label, color=html.INK)
     right.tick_params(labelleft=False)
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure.say(
@@ -352,81 +356,56 @@ def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
     """Return the section on the reports left out, on reading and on screening."""
     reading, rules = tally(headings, "reading_audit"), selection.screening_audit(headings)
     total, kept = headings.sizes["report"], selection.kept_reports(headings)
-    reasons = {
-        before + name: (number, colour)
+    reasons = [
+        (before + name.replace("_", " "), number, colour)
         for before, key, colour in (("", "dropped", SOFT), ("repaired: ", "repaired", FAINT))
         for name, number in sorted(reading.get(key, {}).items(), key=lambda item: -item[1])
         if number
-    }
+    ]
+    kinds, numbers, colours = zip(*reasons, strict=True) if reasons else ((), (), ())
     lines = max(len(rules), len(reasons), 1)
     widths = (1.25, 1) if reasons else (1, 0.001)
-    figure, (left, right) = style.panels(1.5 + 0.32 * lines, 1, 2, width_ratios=widths)
+    figure, (left, right) = html.panels(1.5 + 0.32 * lines, 1, 2, width_ratios=widths)
     left.set_title("Screening before the fit")
     names = [rule.replace("_", " ") for rule, *_ in rules]
     marked, alone = [rule[1] for rule in rules], [rule[2] for rule in rules]
+    shares = [f"{100 * number / total:.1f} %" for number in marked]
     if rules:
-        _bars(left, names, marked, style.SKY, total, lines)
-        left.barh(range(len(names)), alone, color=style.BLUE, height=0.7, label="by no other rule")
+        texts = [f"{number:,} ({share})" for number, share in zip(marked, shares, strict=True)]
+        html.bars(left, names, marked, texts, "reports", color=html.SKY, label="by this rule")
+        left.barh(range(len(names)), alone, color=html.BLUE, height=0.7, label="by no other rule")
         left.legend(loc="lower right", title="reports marked")
     else:
-        style.blank(left, "No rule excluded a report.")
+        html.blank(left, "No rule excluded a report.")
     if reasons:
-        numbers, colours = zip(*reasons.values(), strict=True)
         right.set_title("Dropped or repaired on reading")
-        _bars(right, [name.replace("_", " ") for name in reasons], numbers, colours, 0, lines)
+        html.bars(right, kinds, numbers, map("{:,}".format, numbers), "reports", color=colours)
     else:
         right.axis("off")
+    for axes, most in ((left, 1.5 * max([*marked, 1])), (right, 1.35 * max([*numbers, 1]))):
+        # Space for the numbers to the right of the bars.
+        axes.set(xlim=(0, most), ylim=(lines - 0.4, -0.6))
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     figure.say(
         f"{kept:,} ({100 * kept / max(total, 1):.1f} %) entered the fits "
         f"(n = {plural(total, 'report')}). Dark: marked only by that rule."
     )
     columns = {
         "rule": names,
-        "reports marked": [f"{number:,}" for number in marked],
-        "only by this rule": [f"{number:,}" for number in alone],
-        "share of all": [f"{100 * number / total:.1f} %" for number in marked],
+        "reports marked": map("{:,}".format, marked),
+        "only by this rule": map("{:,}".format, alone),
+        "share of all": shares,
     }
     caption = f"Screening by rule (n = {total:,} reports)."
     counts = html.table(columns, words=["rule"], caption=caption)
-    parts = [show("screening", figure), html.folded("Counts", counts)]
     others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:_FILES_NAMED]
     messages = [*reading_warnings(reading), *(f"also left out: {reason}" for reason in others)]
     for name, entry in tally(headings, "reference_audit").items():
         why = model_reasons([*entry.get("skipped", []), *entry.get("unread", [])])
         messages += [f"{name}: {line}" for line in [*why, *entry.get("notes", [])]]
-    parts.append(html.folded("Files and messages", html.listing(messages), unfolded=True))
+    parts = [
+        show("screening", figure),
+        html.folded("Counts", counts),
+        html.folded("Files and messages", html.listing(messages), unfolded=True),
+    ]
     return html.Section("audit", "Omitted reports", "", parts)
-
-
-def _bars(
-    axes: Axes, names: Sequence[str], numbers: Sequence[int], colour: Any, total: int, lines: int
-) -> None:
-    axes.barh(range(len(names)), numbers, color=colour, height=0.7, label="by this rule")
-    style.rows_axis(axes, names, "reports")
-    axes.set_ylim(lines - 0.4, -0.6)
-    for row, number in enumerate(numbers):
-        share = f" ({100 * number / total:.1f} %)" if total else ""
-        axes.text(number, row, f"  {number:,}{share}", va="center", fontsize=8.5)
-    # Space for the numbers to the right of the bars.
-    axes.set_xlim(0, max([*numbers, 1]) * (1.5 if total else 1.35))
-    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-
-
-def _run_section(summary: Mapping[str, object], headings: xr.Dataset) -> html.Section:
-    attributes = {
-        "airswing_version": "version",
-        "source": "source",
-        "history": "history",
-        "uuid": "identifier of the headings",
-    }
-    entries = {
-        {"watched": "monitoring"}.get(name, str(name).replace("_", " ")): value
-        for name, value in summary.items()
-        if isinstance(value, str | int | float) and not isinstance(value, bool)
-    } | {
-        label: headings.attrs[name]
-        for name, label in attributes.items()
-        if headings.attrs.get(name)
-    }
-    whole = html.table({"item": entries, "value": entries.values()}, words=["item"], long=["value"])
-    return html.Section("run", "This run", "", [whole])

@@ -1,9 +1,7 @@
 """Selection of reports and fits for figures; numbers of the page, and text on a fit.
 
 Reports are sorted by aircraft with ``row_size``; ``screening`` is 0 for the reports of the fit. The
-heading error of a pool is the mean over its members. Angles are degrees. Disagreement is the mean
-length of the vector difference between reported and reference wind (kt) over screened and corrected
-reports, the same ones before and after; its interval takes flights as the independent units.
+heading error of a pool is the mean over its members. Angles are degrees.
 """
 
 from __future__ import annotations
@@ -12,7 +10,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, SupportsInt
+from typing import Any, NamedTuple, SupportsInt
 
 import numpy as np
 import xarray as xr
@@ -25,7 +23,7 @@ from airswing.evaluation.resampling import cluster_sums, clustered_mean
 from airswing.flags import SCREENING, STATUS, is_corrected, published
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import aircraft_of_report, blocks, row_bounds
-from airswing.report.html.text import Units, interval_text, shown_per_kt, shown_per_m_s
+from airswing.report.html import Units, interval_text, per_kt, per_m_s
 from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
@@ -97,27 +95,29 @@ class Run:
 
     def fit(self, aircraft: str | int) -> xr.Dataset:
         """Return the fit of one aircraft, or raise InputError."""
-        what, fits = "no fit against this reference", self.fits
-        reference = _place(fits, "reference", self.reference, what)
-        return fits.isel(reference=reference, aircraft=_place(fits, "aircraft", aircraft))
+        what = "no fit against this reference"
+        reference = _place(self.fits, "reference", self.reference, what)
+        aircraft = _place(self.fits, "aircraft", aircraft)
+        return self.fits.isel(reference=reference, aircraft=aircraft)
 
     @cached_property
-    def bias(self) -> tuple[float, float]:
+    def bias(self) -> Floats:
         """Fitted eastward and northward bias of the reference (m/s), zero without one."""
         if "reference_bias" not in self.fits:
-            return 0.0, 0.0
-        eastward, northward = self.fits["reference_bias"].sel(reference=self.reference).fillna(0.0)
-        return float(eastward), float(northward)
+            return np.zeros(2)
+        bias = self.fits["reference_bias"].sel(reference=self.reference)
+        return np.asarray(np.nan_to_num(bias))
 
     @property
     def bias_words(self) -> str:
         """A sentence on the bias subtracted from the points; empty without a bias."""
-        east, north = (shown_per_m_s(self.units) * part for part in self.bias)
-        text = (
+        if not self.bias.any():
+            return ""
+        east, north = per_m_s(self.units) * self.bias
+        return (
             f" The fitted bias of the reference ({east:+.2f} {self.units} eastward, {north:+.2f} "
             f"{self.units} northward) is subtracted from the points."
         )
-        return text if east or north else ""
 
     def points(self, aircraft: str | int) -> tuple[Floats, Floats]:
         """Return the magnetic heading and the heading error (degrees) of the reports of a fit.
@@ -129,11 +129,10 @@ class Run:
         reports = drawn_columns(self.headings.isel(report=rows_of(self.headings, aircraft)))
         heading = reports[abscissa].to_numpy().astype(float) % 360.0
         error = pooled(reports, members(reports, self.reference), "heading_error")
-        eastward, northward = self.bias
-        if eastward or northward:
+        if self.bias.any():
             true = np.radians(reports["heading"].to_numpy().astype(float))
             airspeed = reports["airspeed"].to_numpy().astype(float)
-            across = eastward * np.cos(true) - northward * np.sin(true)
+            across = self.bias[0] * np.cos(true) - self.bias[1] * np.sin(true)
             error = error - np.degrees(across / np.where(airspeed > 0, airspeed, np.nan))
         keep = used(reports) & np.isfinite(heading) & np.isfinite(error)
         return heading[keep], error[keep]
@@ -225,32 +224,24 @@ def coefficient_texts(fit: xr.Dataset) -> dict[str, str]:
     return found
 
 
-class Total(NamedTuple):
-    """Disagreement of the fleet (kt) before and after, reduction with 95 % interval, reports."""
-
-    before: float
-    after: float
-    reduction: float
-    half_width: float
-    number: float
-
-
 class BeforeAfter(NamedTuple):
-    """Disagreement (kt) of each aircraft, reduction with half its 95 % interval, reports."""
+    """Disagreement (kt), its reduction with half the 95 % interval, reports: by aircraft, total."""
 
-    before: Floats
-    after: Floats
-    reduction: Floats
-    half_width: Floats
-    number: Floats
-    total: Total
+    before: Any
+    after: Any
+    reduction: Any
+    half_width: Any
+    number: Any
+    total: Any = None
 
 
 def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) -> BeforeAfter:
     """Return the disagreement of each aircraft with a reference or pool, before and after.
 
-    Headings and corrected winds have the reports in the same order, in memory or lazy. NaN for
-    aircraft that were not corrected.
+    It is the mean length of the vector difference between reported and reference wind over screened
+    and corrected reports, the same ones before and after; its interval takes flights as the
+    independent units. Headings and corrected winds have the reports in the same order, in memory or
+    lazy. NaN for aircraft that were not corrected.
     """
     chosen = members(headings, reference)
     names = [f"{of}{way}_wind" for of in ("", "reference_") for way in ("eastward", "northward")]
@@ -275,9 +266,8 @@ def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) ->
     sums = np.concatenate([sums, sums.sum(axis=-1, keepdims=True)], axis=-1)
     (before, after, gain), (*_, error) = zip(*map(clustered_mean, sums), strict=True)
     columns = before, after, gain, NORMAL_95 * error, sums[0, 0]
-    total = Total(*(float(column[-1]) for column in columns))
-    before, after, gain, half, number = (column[:-1] for column in columns)
-    return BeforeAfter(before, after, gain, half, number, total)
+    total = BeforeAfter(*(float(column[-1]) for column in columns))
+    return BeforeAfter(*(column[:-1] for column in columns), total=total)
 
 
 def screening_audit(headings: xr.Dataset) -> list[tuple[str, int, int]]:
@@ -315,7 +305,9 @@ def fitted_sizes(fits: xr.Dataset, reference: str) -> tuple[Floats, Floats]:
     return fit["amplitude"].to_numpy()[curve], fit["offset"].to_numpy()[constant]
 
 
-def headline(fits: xr.Dataset, total: Total | None, reference: str, units: Units = "kt") -> str:
+def headline(
+    fits: xr.Dataset, total: BeforeAfter | None, reference: str, units: Units = "kt"
+) -> str:
     """Return the headline of a run, at most 25 words."""
     sizes, constants = fitted_sizes(fits, reference)
     fitted, fleet = sizes.size + constants.size, fits.sizes["aircraft"]
@@ -337,7 +329,7 @@ def headline(fits: xr.Dataset, total: Total | None, reference: str, units: Units
         return f"{text}."
     if not total.number:
         return f"{text}; no report could be corrected."
-    before, after = (shown_per_kt(units) * value for value in (total.before, total.after))
+    before, after = (per_kt(units) * value for value in (total.before, total.after))
     return (
         f"{text}; the corrected winds' disagreement {'falls' if after < before else 'rises'} from "
         f"{before:.1f} to {after:.1f} {units}."
