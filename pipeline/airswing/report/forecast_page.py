@@ -75,7 +75,7 @@ def _scores_section(corrected: xr.Dataset) -> html.Section:
         row = {"variable": _plain(variable), "days": _PERIODS[period], "forecast": NAMES[method]}
         for name, title in titles.items():
             row[title] = amount(one[name], one[f"{name}_interval"].to_numpy())
-        rows.append(row | {"pairs": f"{int(one['pair_count']):,}"})
+        rows.append(row | {"pairs": int(one["pair_count"])})
     caption = (
         "Scores over all stations and leads, in the variable's unit, with 95 % intervals by blocks "
         "of days. Skill: one minus the mean square error over the raw forecast's. Grey italics: "
@@ -127,7 +127,6 @@ def _notes_section(corrected: xr.Dataset) -> html.Section:
 
 
 def _with_unit(text: str, ds: xr.Dataset, variable: str) -> str:
-    """Return a label with the variable's unit, where it has one."""
     unit = str(ds["variable_units"].sel(variable=variable).item())
     return f"{text} ({unit})" if unit else text
 

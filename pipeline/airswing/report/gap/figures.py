@@ -251,7 +251,6 @@ def _edges(centres: Floats) -> Floats:
 
 
 def _aircraft_figure(maps: xr.Dataset, gap: Entry, name: str) -> Figure:
-    """Draw mean heading errors by aircraft and magnetic heading, or by aircraft and week."""
     tails, dim = names_of(maps), "octant" if name == "heading_map" else "week"
     shown, centres = _cells(maps, name, "aircraft", dim), maps[dim].to_numpy().astype(float)
     limit, affected = (

@@ -24,15 +24,7 @@ from airswing.products.whole_files import write_text
 from airswing.report import html
 from airswing.report.gap import words
 from airswing.report.gap.figures import gap_figures
-from airswing.report.gap.words import (
-    Entry,
-    closure_text,
-    number,
-    p_text,
-    parameters_text,
-    plain_name,
-    who_text,
-)
+from airswing.report.gap.words import Entry, closure_text, number, p_text, plain_name
 from airswing.report.html import Units, amount, interval_text, joined, number_text
 from airswing.units import NORMAL_95
 from airswing.version import __version__
@@ -120,8 +112,8 @@ def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     shares = (100 * number(one.get("share_of_gap")) for one in effects)
     columns = {
         "effect": [plain_name(one["name"]) for one in effects],
-        "aircraft": [who_text(one, fleet) for one in effects],
-        "parameters": [parameters_text(one, units=units) or "-" for one in effects],
+        "aircraft": [words.who_text(one, fleet) for one in effects],
+        "parameters": [words.parameters_text(one, units=units) or "-" for one in effects],
         "period": [words.period_text(one) or "always" for one in effects],
         "proba\u00adbility": [f"{number(one['probability']):.2f}" for one in effects],
         "closes": [closure_text(one.get("closure"), units=units) for one in effects],
@@ -149,7 +141,7 @@ def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     for effect in effects:
         for tail, entry in (effect.get("per_tail") or {}).items():
             row = {"aircraft": tail, "effect": plain_name(effect["name"])}
-            each.append(row | {"parameters": parameters_text(entry, units=units)})
+            each.append(row | {"parameters": words.parameters_text(entry, units=units)})
     single = html.table(each, words=["aircraft"], long=("effect", "parameters"))
     known = dict.fromkeys(effect["name"] for effect in effects)
     physics = [html.described(*nature) for name in known if (nature := words.nature_of(name))]
@@ -249,7 +241,7 @@ def _claims_section(gap: Entry, units: Units) -> html.Section:
         key = f"{name}_deg"
         sizes = [(number(one[key]), number(one[f"{key}_standard_error"])) for one in rows]
         columns[f"{name} (°)"] = [interval_text(x, NORMAL_95 * error) for x, error in sizes]
-        columns[f"{name} afterwards"] = [number_text(one[f"{key}_after"]) for one in rows]
+        columns[f"{name} afterwards"] = [one[f"{key}_after"] for one in rows]
     answers = {True: "yes", False: "no", None: "not tested"}
     columns["within the interval"] = [answers[entry["stays"]] for entry in rows]
     caption = f"Fits before and after the subtraction (n = {len(rows)})."
@@ -295,9 +287,8 @@ def _calibration(gap: Entry, units: Units) -> list[str]:
             ("lag_one", "correlation of neighbours on a flight", 1.0, "0"),
             ("auc", "area under the ROC curve of a classifier", 1.0, "0.5"),
         ):
-            row = {"": label}
-            for words_of, when in (("without", "before"), ("with", "after")):
-                row[f"{words_of} the effects"] = number_text(pair[when].get(key), factor=scale)
+            without, given = (scale * number(pair[when].get(key)) for when in ("before", "after"))
+            row = {"": label, "without the effects": without, "with the effects": given}
             rows.append(row | {"if right": right})
     if placebo := gap.get("decoy"):
         ends, factor = placebo.get("reduction_ci_kt"), html.per_kt(units)
@@ -314,11 +305,11 @@ def _noise(gap: Entry, units: Units) -> str:
     if not noise:
         return ""
     fitted = {
-        f"correlated part ({units})": number_text(noise["correlated_sd_m_s"], factor=factor),
-        f"white part ({units})": number_text(noise["white_sd_m_s"], factor=factor),
+        f"correlated part ({units})": factor * noise["correlated_sd_m_s"],
+        f"white part ({units})": factor * noise["white_sd_m_s"],
         "correlation length (km)": number_text(noise["length_km"], digits=0),
-        "factor across the heading": number_text(noise.get("across_heading")),
-        "factor along the heading": number_text(noise.get("along_heading")),
+        "factor across the heading": noise.get("across_heading"),
+        "factor along the heading": noise.get("along_heading"),
     }
     columns = {"noise model": fitted, "fitted": fitted.values()}
     return html.table(columns, words=["noise model"])
@@ -343,8 +334,8 @@ class ShownDiagnosis(Diagnosis):
                 else f"unexplained, by {' and '.join(one['variables']).replace('_', ' ')}"
                 for one in found
             ],
-            "aircraft": [who_text(one, words.fleet_of(gap)) for one in found],
-            "probability": [number_text(one["probability"]) for one in found],
+            "aircraft": [words.who_text(one, words.fleet_of(gap)) for one in found],
+            "probability": [one["probability"] for one in found],
             "closes": [closure_text(one.get("closure")) for one in found],
         }
         return str(html.paragraph(words.headline(gap)) + html.table(columns))

@@ -39,7 +39,7 @@ _ENDINGS = {
     "_h": " h",
     "_s": " s",
 }
-COMPONENTS = {
+_COMPONENTS = {
     "cross": "across the heading",
     "across": "across the heading",
     "along": "along the heading",
@@ -77,7 +77,7 @@ def plain_name(name: str) -> str:
 
 def _component(name: str) -> str:
     plain = re.sub("^(across|along)_", r"\1 the ", name).replace("_", " ")
-    return COMPONENTS.get(name, plain)
+    return _COMPONENTS.get(name, plain)
 
 
 def capital(text: str) -> str:
@@ -106,30 +106,6 @@ def nature_of(name: str) -> tuple[str, str, list[str]] | None:
     return title, effect.physics, [f"Source: {effect.source}", confused]
 
 
-def _shown(name: str, units: Units) -> tuple[str, str, float]:
-    """Return label, unit and factor of a parameter: ``amplitude_deg`` is amplitude, °, 1."""
-    ending = next((one for one in _ENDINGS if name.endswith(one)), "")
-    label = "at" if name.startswith("at_") else name.removesuffix(ending).replace("_", " ")
-    if ending in ("_m_s", "_kt"):
-        factor = html.per_m_s(units) if ending == "_m_s" else html.per_kt(units)
-        return label, f" {units}", factor
-    return label, _ENDINGS.get(ending, ""), 1.0
-
-
-def _parameter_text(name: str, value: object, error: float | None, units: Units) -> str:
-    label, unit, factor = _shown(name, units)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return f"{label} {value}"
-    half = factor * NORMAL_95 * number(error)
-    if not np.isfinite(half) or half == 0:
-        shown = factor * value
-        text = f"{shown:,.0f}" if abs(shown) >= 1000 else f"{shown:.4g}"
-        return f"{label} {text}{unit}"
-    # One or two figures of the half width; 1.05: 0.096 is shown as 0.1, not as 0.10.
-    digits = int(np.clip(np.ceil(-np.log10(half * 1.05)), 0, 4))
-    return f"{label} {round(factor * value, digits) + 0.0:.{digits}f} ± {half:.{digits}f}{unit}"
-
-
 def parameters_text(effect: Entry, *, units: Units = "kt", brief: bool = False) -> str:
     """Return all parameters of an effect in one line; `brief` omits the conditions (``at_...``).
 
@@ -143,26 +119,36 @@ def parameters_text(effect: Entry, *, units: Units = "kt", brief: bool = False) 
         # a list: the two aircraft of an exchange
         if value is None or isinstance(value, list | tuple) or (brief and name.startswith("at_")):
             continue
-        low, high = _range(name, each, number(errors.get(name)))
-        if not low < high:
-            parts.append(_parameter_text(name, value, errors.get(name), units))
-        elif not name.startswith("phase"):
-            label, unit, factor = _shown(name, units)
-            digits = int(np.clip(np.ceil(-np.log10(factor * (high - low))) + 1, 1, 5))
-            low, high = factor * low, factor * high
-            parts.append(f"{label} {low:.{digits}f} to {high:.{digits}f}{unit}")
+        half = NORMAL_95 * np.nan_to_num(number(errors.get(name)))
+        values = [float(x) for one in each if isinstance(x := one.get(name), int | float)]
+        if values and name.startswith("phase"):
+            values = (values[0] + wrap_degrees(np.subtract(values, values[0]))).tolist()
+        differ = len(values) > 1 and max(values) - min(values) > 2 * half
+        if not (differ and name.startswith("phase")):
+            parts.append(_parameter_text(name, value, half, values if differ else [], units))
     return ", ".join(parts)
 
 
-def _range(name: str, each: Sequence[Entry], error: float) -> tuple[float, float]:
-    """Return the least and greatest value over aircraft; equal if they agree within error."""
-    values = [float(x) for entry in each if isinstance(x := entry.get(name), int | float)]
-    if len(values) < 2:
-        return 0.0, 0.0
-    if name.startswith("phase"):
-        values = (values[0] + wrap_degrees(np.subtract(values, values[0]))).tolist()
-    low, high = min(values), max(values)
-    return (low, high) if high - low > 2 * NORMAL_95 * np.nan_to_num(error) else (low, low)
+def _parameter_text(
+    name: str, value: object, half: float, values: Sequence[float], units: Units
+) -> str:
+    """Return a parameter with half its interval, or the range of its values."""
+    ending = next((one for one in _ENDINGS if name.endswith(one)), "")
+    label = "at" if name.startswith("at_") else name.removesuffix(ending).replace("_", " ")
+    factor = {"_m_s": html.per_m_s(units), "_kt": html.per_kt(units)}.get(ending, 1.0)
+    unit = f" {units}" if ending in ("_m_s", "_kt") else _ENDINGS.get(ending, "")
+    if values:
+        low, high = factor * min(values), factor * max(values)
+        digits = int(np.clip(np.ceil(-np.log10(high - low)) + 1, 1, 5))
+        return f"{label} {low:.{digits}f} to {high:.{digits}f}{unit}"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return f"{label} {value}"
+    shown, half = factor * value, factor * half
+    if half == 0:
+        return f"{label} {shown:{',.0f' if abs(shown) >= 1000 else '.4g'}}{unit}"
+    # One or two figures of the half width; 1.05: 0.096 is shown as 0.1, not as 0.10.
+    digits = int(np.clip(np.ceil(-np.log10(half * 1.05)), 0, 4))
+    return f"{label} {round(shown, digits) + 0.0:.{digits}f} ± {half:.{digits}f}{unit}"
 
 
 def period_text(effect: Entry) -> str:

@@ -359,8 +359,9 @@ def table(
 ) -> Markup:
     """Return a table of columns by title, or of rows with cells by title; a caption below it.
 
-    Columns of text are `words`, or `long` where lines wrap. Rows in `doubt` are printed in grey
-    italics. A long sortable table can be searched. Nothing is returned where there is no row.
+    Columns of text are `words`, or `long` where lines wrap. Numbers get two decimals or, if whole,
+    commas; None and NaN are dashes. Rows in `doubt` are printed in grey italics. A long sortable
+    table can be searched. Nothing is returned where there is no row.
     """
     if isinstance(content, Mapping):
         titles, rows = list(content), list(zip(*content.values(), strict=True))
@@ -369,6 +370,7 @@ def table(
         rows = [tuple(row.values()) for row in content]
     if not rows:
         return Markup()
+    rows = [[_cell(value) for value in row] for row in rows]
     text = _TEMPLATES.get_template("table.html").render(
         titles=titles,
         kinds=["words" if one in words else "long" if one in long else "" for one in titles],
@@ -377,6 +379,12 @@ def table(
         sortable=sortable,
     )
     return Markup(text)
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, int | np.integer):
+        return f"{value:,}"
+    return number_text(value) if value is None or isinstance(value, float | np.floating) else value
 
 
 def paragraph(text: str, *, note: bool = False) -> Markup:

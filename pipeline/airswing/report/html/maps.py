@@ -146,7 +146,6 @@ def _degree_label(ends: str, value: float, _position: object = None) -> str:
 def _map_panels(
     longitude: Floats, latitude: Floats, groups: Groups, columns: int, label: str = ""
 ) -> tuple[html.CaptionedFigure, bool]:
-    """Draw a map of each group of reports, as points or, if many, as a density."""
     longitude, latitude = longitude.astype(float), latitude.astype(float)
     view, rows = view_of(longitude, latitude), -(-len(groups) // columns)
     dense = max(int(mask.sum()) for mask in groups.values()) > html.MANY

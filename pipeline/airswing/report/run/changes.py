@@ -55,7 +55,6 @@ def days_since_1970(days: ArrayLike) -> NDArray[np.float64]:
 
 
 def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Figure:
-    """Draw the aircraft that changed, at least two and at most ten."""
     changes = {entry["aircraft"]: entry["changes"] for entry in stability["changes"]}
     windows = [entry for entry in stability["windows"] if entry["status"] == "ok"]
     fitted = {entry["aircraft"] for entry in windows}

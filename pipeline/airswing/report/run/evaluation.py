@@ -187,9 +187,7 @@ def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
             for key in ("before", "during", "reduction")
         },
         **{
-            f"reports {when}": [
-                f"{int(one.get(f'reports_{when}', 0)):,}" for one in groups.values()
-            ]
+            f"reports {when}": [int(one.get("reports_" + when, 0)) for one in groups.values()]
             for when in ("before", "during")
         },
     }
@@ -390,9 +388,9 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
             f"error of a component ({units} rms)": (
                 "negative variance"
                 if corner.get("component_rms") is None
-                else html.number_text(corner["component_rms"], factor=html.per_m_s(units))
+                else html.per_m_s(units) * corner["component_rms"]
             ),
-            "reports": f"{int(entry['reports']):,}",
+            "reports": int(entry["reports"]),
         }
         for entry in sensitivity.get("three_way") or []
         for corner in entry.get("errors", [])
@@ -415,19 +413,15 @@ def _pair_table(pairs: Sequence[Content], caption: str, units: Units) -> Markup:
     rows = []
     for pair in pairs:
         p_value = pair["fleet"].get("p_value") if pair.get("own_test", True) else None
-        speed = pair.get("mean_vector_difference_m_s")
+        speed = np.array(pair.get("mean_vector_difference_m_s"), float)
         row = {
             "pair": _pair_name(pair),
             "verdict": _VERDICTS[pair.get("poolable")][0],
             "why": _why(pair),
-            "difference of the curves (degree rms)": html.number_text(
-                pair["fleet"].get("curve_rms_deg")
-            ),
+            "difference of the curves (degree rms)": pair["fleet"].get("curve_rms_deg"),
             "p value": "-" if p_value is None or np.isnan(p_value) else f"{p_value:.2g}",
-            f"difference of the winds ({units})": html.number_text(
-                speed, factor=html.per_m_s(units)
-            ),
-            "reports": f"{int(pair.get('reports', 0)):,}",
+            f"difference of the winds ({units})": html.per_m_s(units) * speed,
+            "reports": int(pair.get("reports", 0)),
         }
         rows.append(({"slice": pair["slice"]} if pair.get("slice") else {}) | row)
     doubt, words = [pair.get("poolable") is None for pair in pairs], ("slice", "pair", "verdict")

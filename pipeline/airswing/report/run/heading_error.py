@@ -238,9 +238,8 @@ def _table_words(fits: xr.Dataset) -> str:
 
 def sector_counts(heading: Floats, *, sectors: int = _SECTORS) -> NDArray[np.int64]:
     """Count reports in equal sectors of heading, the first centred on north."""
-    width = 360.0 / sectors
-    index = np.floor(((heading + width / 2) % 360.0) / width).astype(int)
-    return np.bincount(index % sectors, minlength=sectors)
+    turned = (heading + 180.0 / sectors) % 360.0
+    return np.histogram(turned, bins=sectors, range=(0.0, 360.0))[0]
 
 
 def coverage_figure(headings: xr.Dataset, names: Sequence[str]) -> Figure:

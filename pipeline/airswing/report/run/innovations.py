@@ -6,9 +6,10 @@ ascent or descent as reported, as corrected and in the reference.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from markupsafe import Markup
 from matplotlib.colors import LogNorm
@@ -17,10 +18,11 @@ from numpy.typing import NDArray
 
 from airswing.evaluation.innovations import combined
 from airswing.flags import PHASE
+from airswing.products.ragged import aircraft_of_report
 from airswing.report import html
 from airswing.report.html import STATES, Look, Units, number_text, per_m_s, plural
 from airswing.report.run.changes import date_axis, days_since_1970
-from airswing.report.run.selection import Run, members, names_of, pooled, rows_of
+from airswing.report.run.selection import Run, members, names_of, pooled
 
 Floats = NDArray[np.float64]
 _QUANTITIES = ("speed", "direction", "eastward", "northward")
@@ -48,7 +50,6 @@ def _cells_by(statistics: xr.Dataset, by: str) -> xr.Dataset:
 
 
 def _innovation_figure(statistics: xr.Dataset, units: Units) -> Figure:
-    """Draw bias and standard deviation, for the aircraft with most reports."""
     aircraft, *others = (_cells_by(statistics, by) for by in _CELLS)
     reports = aircraft["innovation_speed_count"].isel(state=0).to_numpy()
     if not reports.sum():
@@ -135,7 +136,7 @@ def _innovation_table(statistics: xr.Dataset, by: str, units: Units) -> Markup:
     # the states of a row together
     cells = cells.transpose("row", "state", ...)
     title = by.replace("_", " ")
-    columns: dict[str, Sequence[str]] = {
+    columns: dict[str, Iterable[object]] = {
         title: np.repeat(names_of(cells, "row"), len(states)).tolist(),
         "": states * cells.sizes["row"],
     }
@@ -145,16 +146,14 @@ def _innovation_table(statistics: xr.Dataset, by: str, units: Units) -> Markup:
             values = factor * cells[f"innovation_{quantity}_{kind}"].to_numpy().ravel()
             name = f"{quantity} {words} ({unit.replace('degree', '°')})"
             columns[name] = [number_text(x, digits=digits) for x in values]
-    reports = cells["innovation_speed_count"].to_numpy().ravel()
-    columns["reports"] = [f"{int(number):,}" for number in reports]
+    columns["reports"] = cells["innovation_speed_count"].to_numpy().ravel().astype(int)
     caption = f"Observation minus {statistics['reference'].item()}, screened reports."
     return html.table(columns, words=(title, ""), caption=caption)
 
 
 def _sounding_figure(run: Run, headings: xr.Dataset, corrected: xr.Dataset) -> Figure:
-    """Draw the ascent or descent with the most reports of the first aircraft that has one."""
     picked, name = _sounding_reports(headings, corrected, run.order)
-    if picked is None:
+    if not name:
         return html.empty_figure("No ascent or descent has enough reports for a sounding")
     reference, units = run.reference, run.units
     ways, factor = ("eastward", "northward"), per_m_s(units)
@@ -196,24 +195,19 @@ def _sounding_figure(run: Run, headings: xr.Dataset, corrected: xr.Dataset) -> F
 
 def _sounding_reports(
     headings: xr.Dataset, corrected: xr.Dataset, aircraft: Sequence[str]
-) -> tuple[NDArray[np.int64] | None, str]:
-    """Return the places of the reports of an ascent or descent, and the aircraft."""
-    phases = headings["phase"].to_numpy()
-    climbing = np.isin(phases, [PHASE["ascent"], PHASE["descent"]])
-    for name in aircraft:
-        rows = rows_of(headings, name)
-        if not climbing[rows].any():
-            continue
-        number, phase = headings["flight"].isel(report=rows).to_numpy(), phases[rows]
-        wind = corrected["corrected_eastward_wind"].isel(report=rows).to_numpy()
-        usable = climbing[rows] & np.isfinite(wind)
-        both = np.stack([number[usable], phase[usable]])
-        labels, counts = np.unique(both, axis=1, return_counts=True)
-        if counts.size and counts.max() >= _SOUNDING_REPORTS:
-            best = labels[:, int(np.argmax(counts))]
-            inside = usable & (number == best[0]) & (phase == best[1])
-            return rows.start + np.flatnonzero(inside), name
-    return None, ""
+) -> tuple[pd.Index, str]:
+    """Return the places of the reports of an ascent or descent, and the aircraft; or none."""
+    flown = headings[["flight", "phase"]].load().to_dataframe()[["phase", "flight"]]
+    flown["row"] = aircraft_of_report(headings)
+    usable = flown["phase"].isin([PHASE["ascent"], PHASE["descent"]])
+    flown = flown[usable & np.isfinite(corrected["corrected_eastward_wind"].to_numpy())]
+    groups = flown.groupby(["row", "flight", "phase"])
+    known, names = groups.size(), names_of(headings)
+    known = known[known >= _SOUNDING_REPORTS]
+    for row in map(names.index, aircraft):
+        if row in known.index:
+            return groups.groups[(row, *known.loc[row].idxmax())], names[row]
+    return pd.Index([]), ""
 
 
 def innovations_section(

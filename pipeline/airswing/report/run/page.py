@@ -128,7 +128,7 @@ def write_page(
     entries |= {
         words: headings.attrs[name] for name, words in _SOURCE.items() if name in headings.attrs
     }
-    columns = {"item": entries, "value": entries.values()}
+    columns = {"item": entries, "value": map(str, entries.values())}
     sections = [
         _corrections_section(run, folder, summary),
         found.monitoring and monitoring_section(found.monitoring, show),
@@ -201,13 +201,13 @@ def _corrections_section(run: Run, folder: Path, summary: Mapping[str, Any]) -> 
             node: [interval_text(value, np.nan, digits=1, sign=True) for value in row]
             for node, row in zip(nodes, tables, strict=True)
         },
-        "resi\u00addual": [html.number_text(x) for x in known["table_residual_rms"].values],
+        "resi\u00addual": known["table_residual_rms"].to_numpy(),
     }
     for name, digits in (("offset", 2), ("amplitude", 2), ("phase", 0)):
         values, halves = known[name].values, NORMAL_95 * known[f"{name}_standard_error"].values
         pairs = zip(values, halves, strict=True)
         columns[name] = [interval_text(value, half, digits=digits) for value, half in pairs]
-    columns["reports"] = [f"{int(number):,}" for number in fit["report_count"].to_numpy()]
+    columns["reports"] = fit["report_count"].to_numpy().astype(int)
     columns["status"] = [
         "no correction needed" if none else status_words(code)
         for none, code in zip(selection.needs_no_correction(fit), status, strict=True)
@@ -324,7 +324,6 @@ def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
 
 
 def _before_after_figure(run: Run, apart: BeforeAfter, aircraft: Sequence[str]) -> Figure:
-    """Draw the disagreement of each corrected aircraft, the largest gain first."""
     known, units, reference = names_of(run.headings), run.units, run.reference
     rows = [known.index(name) for name in aircraft if apart.number[known.index(name)] > 0]
     if not rows:
@@ -353,7 +352,6 @@ def _before_after_figure(run: Run, apart: BeforeAfter, aircraft: Sequence[str]) 
 
 
 def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
-    """Return the section on the reports left out, on reading and on screening."""
     reading, rules = tally(headings, "reading_audit"), selection.screening_audit(headings)
     total, kept = headings.sizes["report"], selection.kept_reports(headings)
     reasons = [
@@ -392,8 +390,8 @@ def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
     )
     columns = {
         "rule": names,
-        "reports marked": map("{:,}".format, marked),
-        "only by this rule": map("{:,}".format, alone),
+        "reports marked": marked,
+        "only by this rule": alone,
         "share of all": shares,
     }
     caption = f"Screening by rule (n = {total:,} reports)."

@@ -267,7 +267,7 @@ def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) ->
     (before, after, gain), (*_, error) = zip(*map(clustered_mean, sums), strict=True)
     columns = before, after, gain, NORMAL_95 * error, sums[0, 0]
     total = BeforeAfter(*(float(column[-1]) for column in columns))
-    return BeforeAfter(*(column[:-1] for column in columns), total=total)
+    return BeforeAfter(*(column[:-1] for column in columns))._replace(total=total)
 
 
 def screening_audit(headings: xr.Dataset) -> list[tuple[str, int, int]]:
