@@ -370,11 +370,11 @@ def table(
         rows = [tuple(row.values()) for row in content]
     if not rows:
         return Markup()
-    rows = [[_cell(value) for value in row] for row in rows]
+    cells = [[_cell(value) for value in row] for row in rows]
     text = _TEMPLATES.get_template("table.html").render(
         titles=titles,
         kinds=["words" if one in words else "long" if one in long else "" for one in titles],
-        rows=list(zip(repeat(False) if doubt is None else doubt, rows, strict=False)),
+        rows=list(zip(repeat(False) if doubt is None else doubt, cells, strict=False)),
         caption=caption,
         sortable=sortable,
     )
