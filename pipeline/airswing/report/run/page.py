@@ -195,7 +195,7 @@ def _corrections_section(run: Run, folder: Path, summary: Mapping[str, Any]) -> 
     known = fit.where(xr.DataArray(usable, dims="aircraft"))
     nodes = [f"{node:.0f}°" for node in fit["table_heading"].to_numpy()]
     tables = known["table_correction"].transpose("node", "aircraft").to_numpy() + 0.0
-    columns = {
+    columns: dict[str, Iterable[object]] = {
         "aircraft": run.order,
         **{
             node: [interval_text(value, np.nan, digits=1, sign=True) for value in row]
@@ -388,7 +388,7 @@ def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
         f"{kept:,} ({100 * kept / max(total, 1):.1f} %) entered the fits "
         f"(n = {plural(total, 'report')}). Dark: marked only by that rule."
     )
-    columns = {
+    columns: dict[str, Iterable[object]] = {
         "rule": names,
         "reports marked": marked,
         "only by this rule": alone,
