@@ -10,6 +10,7 @@ import errno
 import os
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -42,8 +43,7 @@ Output = Annotated[
     Path | None, typer.Option(help="Folder for the products.", metavar="DIR", parser=_path)
 ]
 Written = Annotated[
-    Path,
-    typer.Option("-o", "--output", help="File to write.", metavar="FILE", parser=_path),
+    Path, typer.Option("-o", "--output", help="File to write.", metavar="FILE", parser=_path)
 ]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Remake every month.")]
 # Without effect; accepted because scripts of earlier versions give it.
@@ -81,25 +81,21 @@ def _version(asked: bool) -> None:
 @app.callback()
 def _common(
     version: Annotated[
-        bool,
-        typer.Option("--version", help="Print the version.", is_eager=True, callback=_version),
+        bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_version)
     ] = False,
 ) -> None:
     """Swing the compass of an aircraft from its archive of wind reports and model winds."""
 
 
-def _job(config: Path, **options: Any) -> Job:
-    from airswing.workflow import Job
-
-    return Job.of(config, **options)
-
-
-def _alone(job: Job, stage: Callable[[Job], T]) -> T:
+def _alone(stage: Callable[[Job], T], config: Path, **options: Any) -> tuple[Job, T]:
+    """Run one stage of a configuration; options as of :meth:`Job.of`."""
     from airswing.products.whole_files import workspace
+    from airswing.workflow import Job
     from airswing.workflow.compute import scheduler
 
+    job = Job.of(config, **options)
     with workspace(job.output), scheduler(job.config.compute, job.progress):
-        return stage(job)
+        return job, stage(job)
 
 
 def _print(content: object, *, as_json: bool, text: str) -> None:
@@ -129,7 +125,8 @@ def run(
     from airswing.workflow import compute
     from airswing.workflow.main import summary_text
 
-    job = _job(config, output=output, fresh=fresh, quiet=quiet, scheduler=scheduler)
+    options: Any = {"output": output, "fresh": fresh, "quiet": quiet, "scheduler": scheduler}
+    job = workflow.Job.of(config, **options)
     with compute.scheduler(job.config.compute, job.progress):
         summary = workflow.run_job(job).summary
     _print(summary, as_json=json, text=summary_text(summary, job.output, units=job.config.units))
@@ -187,8 +184,7 @@ def collocate(
         print(collocate_track(source, reference or (), output, columns=columns or (), say=say))
         return
 
-    job = _job(source, output=output, quiet=quiet)
-    headings = _alone(job, workflow.make_headings)
+    job, headings = _alone(workflow.make_headings, source, output=output, quiet=quiet)
     try:
         require_kept(headings)
     except InputError as nothing:
@@ -204,8 +200,7 @@ def fit(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None
     """
     from airswing import workflow
 
-    job = _job(config, output=output, quiet=quiet)
-    _alone(job, workflow.make_fits)
+    job, _ = _alone(workflow.make_fits, config, output=output, quiet=quiet)
     print(job.output / workflow.FITS)
 
 
@@ -217,8 +212,7 @@ def correct(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
     """
     from airswing import workflow
 
-    job = _job(config, output=output, quiet=quiet)
-    _alone(job, workflow.make_corrected)
+    job, _ = _alone(workflow.make_corrected, config, output=output, quiet=quiet)
     print(job.output / workflow.CORRECTED)
 
 
@@ -230,7 +224,7 @@ def evaluate(config: ConfigPath, output: Output = None, quiet: Quiet = False) ->
     """
     from airswing import workflow
 
-    job = _job(config, output=output, quiet=quiet)
+    job = workflow.Job.of(config, output=output, quiet=quiet)
     _print(workflow.make_field_test(job), as_json=True, text="")
 
 
@@ -242,7 +236,7 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
     """
     from airswing import workflow
 
-    job = _job(config, output=output, quiet=quiet)
+    job = workflow.Job.of(config, output=output, quiet=quiet)
     _print(workflow.make_sensitivity(job, intervals=True), as_json=True, text="")
 
 
@@ -258,8 +252,7 @@ def monitor(
 
     from airswing import workflow
 
-    job = _job(config, output=output, quiet=quiet)
-    found = _alone(job, workflow.make_monitoring)
+    job, found = _alone(workflow.make_monitoring, config, output=output, quiet=quiet)
     _print(asdict(found), as_json=json, text=found.text)
     workflow.events_said(job, len(found.events))
 
@@ -307,8 +300,7 @@ def export(
         str | None, typer.Option(help="tail, or number: five digits an aircraft.")
     ] = None,
     base: Annotated[
-        Path | None,
-        typer.Option(help="Reject list or error table to change.", metavar="FILE"),
+        Path | None, typer.Option(help="Reject list or error table to change.", metavar="FILE")
     ] = None,
     start: Annotated[str | None, typer.Option(help="First time (ISO 8601, UTC).")] = None,
     end: Annotated[str | None, typer.Option(help="End of the period, excluded.")] = None,
@@ -323,7 +315,7 @@ def export(
     from airswing.handover.export import export as write_export
     from airswing.products.netcdf import product_path
 
-    job = _job(config, quiet=quiet)
+    job = workflow.Job.of(config, quiet=quiet)
     given: dict[str, object] = {"domain": domain, "platform": platform, "identifiers": identifiers}
     given |= {"base": base, "start": start, "end": end}
     with job.progress.stage("export") as stage:
@@ -354,8 +346,8 @@ def simulate(
     """Simulate the reports that the units should have sent."""
     from airswing.workflow.gap_stage import simulation
 
-    job = _job(config, quiet=quiet)
-    print(_alone(job, lambda job: simulation(job, effects, output, seed=seed)))
+    stage = partial(simulation, effects=effects, output=output, seed=seed)
+    print(_alone(stage, config, quiet=quiet)[1])
 
 
 @app.command()
@@ -389,11 +381,8 @@ def gap(
     from airswing.report.gap.words import verdict
     from airswing.workflow.gap_stage import diagnosis
 
-    job = _job(config, output=output, quiet=quiet, scheduler=scheduler)
-    result = _alone(
-        job,
-        lambda job: diagnosis(job, without=without or (), known=known, simulated=simulated),
-    )
+    stage = partial(diagnosis, without=without or (), known=known, simulated=simulated)
+    job, result = _alone(stage, config, output=output, quiet=quiet, scheduler=scheduler)
     text = f"{verdict(result, units=job.config.units)}\npage: {job.output / 'gap' / 'index.html'}"
     _print(result.content(), as_json=json, text=text)
 
@@ -419,8 +408,7 @@ def gap_check(
     ] = False,
     fast: Annotated[bool, typer.Option("--fast", help="Small archives, clear effects.")] = False,
     real: Annotated[
-        Path | None,
-        typer.Option(help="Folder with real data; rung 5 needs it.", metavar="DIR"),
+        Path | None, typer.Option(help="Folder with real data; rung 5 needs it.", metavar="DIR")
     ] = None,
     rung: Annotated[
         list[int] | None, typer.Option(help="Rung to run; all by default.", min=1, max=5)
@@ -431,10 +419,8 @@ def gap_check(
     """Test the gap diagnosis on sealed archives with known effects."""
     from airswing.blind_check import Plan, targets, write_report
     from airswing.blind_check import gap_check as check_diagnosis
-    from airswing.products.whole_files import require_writable
     from airswing.workflow.progress import Progress
 
-    require_writable(output)
     plan = Plan(cases, seed, fast, nulls, tuple(rung) if rung else None, real=real)
     check = check_diagnosis(
         output, plan, workers=workers, so_far=so_far, say=Progress(quiet=quiet).say

@@ -1,4 +1,4 @@
-"""Files: fingerprints, errors for a pattern that names no file, results with a short ``repr``."""
+"""Files: errors for a pattern that names no file, results with a short ``repr``."""
 
 import json
 import os
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from airswing.errors import InputError
-from airswing.products.whole_files import Findings, file_identities, fingerprint, none_found
+from airswing.products.whole_files import Findings, none_found
 from airswing.reference.files import find_files
 from airswing.reports import expand
 
@@ -26,27 +26,6 @@ def test_findings_are_a_dict_with_a_line_a_key_and_none_of_them_long():
     assert max(map(len, lines)) <= 100
     assert json.loads(json.dumps(found)) == found
     assert pickle.loads(pickle.dumps(found)) == found
-
-
-def test_a_file_counts_by_size_and_time(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("one")
-    before = fingerprint(file_identities([str(path)]))
-    assert fingerprint(file_identities([str(tmp_path / "*.csv")])) == before
-    path.write_text("longer")
-    assert fingerprint(file_identities([str(path)])) != before
-
-
-def test_a_zarr_store_counts_by_its_chunks_and_other_folders_do_not(tmp_path):
-    store = tmp_path / "winds.zarr"
-    (store / "u").mkdir(parents=True)
-    (store / "u" / "0.0").write_bytes(b"chunk")
-    assert file_identities([str(store)]) == []
-    (store / ".zgroup").write_text("{}")
-    ((name, size, _),) = file_identities([str(store)])
-    assert name == str(store) and size == 5 + 2 + 2  # bytes, and one for each file
-    (store / "u" / "0.1").write_bytes(b"")
-    assert file_identities([str(store)])[0][1] == 10
 
 
 @pytest.fixture

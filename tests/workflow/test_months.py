@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -19,6 +20,8 @@ from airswing.errors import InputError
 from airswing.products import whole_files
 from airswing.products.whole_files import workspace
 from airswing.reference.collocate import collocate
+from airswing.reference.files import SourceFile
+from airswing.workflow import months
 from airswing.workflow.months import catalogues
 from airswing.workflow.progress import Progress
 
@@ -326,6 +329,21 @@ def test_duplicates_around_the_end_of_a_month_are_counted_once(archive):
     audit = json.loads(headings.attrs["reading_audit"])
     assert audit["dropped"] == {"exact_duplicate": 20}
     assert audit["reports_kept"] == headings.sizes["report"]
+
+
+def test_a_zarr_store_counts_by_its_chunks(tmp_path):
+    (tmp_path / "u").mkdir()
+    (tmp_path / "u" / "0.0").write_bytes(b"chunk")
+    rows, file = {"file": np.zeros((2, 1), int)}, SourceFile(str(tmp_path), 7, 7, "")
+    model = SimpleNamespace(valid=np.array([7]), bounds=[0, 1], rows=rows, files=[file])
+
+    def sizes():
+        ends = np.datetime64(0, "ns"), np.datetime64(9, "ns")
+        return [line.split("|")[1] for line in months._files_between(model, *ends)]
+
+    assert sizes() == ["6"]  # bytes, and one for each file
+    (tmp_path / "u" / "0.1").write_bytes(b"")
+    assert sizes() == ["7"]
 
 
 def test_catalogues_are_made_once_and_for_the_references_of_the_job(archive):

@@ -42,7 +42,7 @@ from airswing.evaluation.gains import only
 from airswing.evaluation.resampling import normal_interval
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
-from airswing.products.whole_files import findings
+from airswing.products.whole_files import Findings
 
 Mask = NDArray[np.bool_]
 Columns = dict[str, NDArray[Any]]
@@ -179,7 +179,7 @@ def compare(
     squares = {pair: whole[pair].squares for pair in tested}
     counted = whole[tested[0]].regions[0].sum(axis=0)
     content["three_way"] = hats_of(counted, squares, singles)
-    return findings(content)
+    return Findings(content)
 
 
 def regions_of(latitude: Floats, longitude: Floats) -> Ints:

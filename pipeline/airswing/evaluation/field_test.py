@@ -29,7 +29,7 @@ from airswing.evaluation.disagreement import disagreement_sums, measures_of, par
 from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test, ratio
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.ragged import blocks, time_span
-from airswing.products.whole_files import findings
+from airswing.products.whole_files import Findings
 from airswing.units import KNOT
 
 GROUPS, WINDOWS = ("controls", "corrected"), ("before", "during")
@@ -208,7 +208,7 @@ def field_test(
         by_reference[key] = _reductions(day_sums, draws=draws, seed=seed)
         if key == reference:
             checks = _checks(day_sums, names[rows], draws=draws, seed=seed)
-    return findings(
+    return Findings(
         {
             "reference": reference,
             "start": str(start),

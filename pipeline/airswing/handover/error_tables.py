@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import re
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,8 +23,15 @@ import xarray as xr
 
 from airswing.errors import InputError
 from airswing.flags import published
-from airswing.handover.request import Request, product_of_run, refuse_existing
-from airswing.handover.selection import PLATFORMS, identifiers, platforms, selected_rows
+from airswing.handover.selection import (
+    PLATFORMS,
+    Request,
+    identifiers,
+    platforms,
+    product_of_run,
+    refuse_existing,
+    selected_rows,
+)
 from airswing.handover.wind_errors import WindErrors, base_variance, bounded, known_errors
 from airswing.products.whole_files import write_text
 
@@ -43,25 +49,23 @@ Tables = dict[str, dict[int, float]]
 
 def write_obs_errors(request: Request) -> dict[str, Any]:
     """Write the error table, and one for each phase of flight where the path is a folder."""
-    base = request.settings.base
-    if base is None:
-        text = (files("airswing.handover") / "data" / FILE_NAME).read_text(encoding="ascii")
-    else:
-        try:
-            # Any byte passes unchanged through latin-1; such tables hold names of authors.
-            text = Path(base).read_bytes().decode("latin-1")
-        except OSError as err:
-            raise InputError("cannot be read", file=base, found=err.strerror) from err
+    base = request.settings.base or files("airswing.handover") / "data" / FILE_NAME
+    try:
+        # Any byte passes unchanged through latin-1; such tables hold names of authors.
+        text = base.read_bytes().decode("latin-1")
+    except OSError as err:
+        raise InputError("cannot be read", file=base, found=err.strerror) from err
     codes = set(platforms(request).tolist())
     tamdar = PLATFORMS.index("TAMDAR")
     types = ["TAMDARS"] * (tamdar in codes) + ["AIREPS"] * bool(codes - {tamdar})
     known = known_errors(request, required=True)
     assert known is not None
-    targets = {"all": request.path / FILE_NAME if request.folder else request.path}
+    targets = {"all": request.path}
     if request.folder:
-        measured = known["observation_error"].notnull().any("layer")
-        names = [str(name) for name in known["flight_phase"].to_numpy()[measured.to_numpy()]]
-        targets |= {name: request.path / f"obserr_{name}.txt" for name in names if name != "all"}
+        measured = known["observation_error"].notnull().any("layer").to_numpy()
+        names = map(str, known["flight_phase"].to_numpy()[measured])
+        targets = {name: request.path / f"obserr_{name}.txt" for name in ("all", *names)}
+        targets["all"] = request.path / FILE_NAME
     refuse_existing(request, *targets.values())
     written: list[dict[str, Any]] = []
     for phase, target in targets.items():
@@ -97,12 +101,10 @@ def wind_tables(known: xr.Dataset, phase: str) -> Tables:
     # A layer without reports has the nearest layer's speed.
     speed = np.interp(middle, middle[there], speed[there]) if there.any() else np.zeros(speed.size)
     angle = np.minimum(np.degrees(np.arctan2(error, speed)), LARGEST_ANGLE)
+    values = {"UV": error, "SPD": error, "DIR": angle}
     return {
-        section: {
-            level: float(value)
-            for level, value in zip(LEVELS, np.interp(LEVELS, middle, values), strict=True)
-        }
-        for section, values in (("UV", error), ("SPD", error), ("DIR", angle))
+        section: dict(zip(LEVELS, np.interp(LEVELS, middle, one).tolist(), strict=True))
+        for section, one in values.items()
     }
 
 
@@ -165,19 +167,18 @@ def write_jedi(request: Request) -> dict[str, Any]:
     targets = {name: request.path / f"wind_error_{name}.csv" for name in COMPONENTS}
     coefficients = request.path / COEFFICIENTS
     refuse_existing(request, *targets.values(), coefficients)
-    names = request.aircraft
-    written = dict(zip(names, identifiers(request), strict=True))
+    written = dict(zip(request.aircraft, identifiers(request), strict=True))
     rows = _error_rows(request, written)
+    tables = {
+        target: [f"{STATION},{PRESSURE},ErrorVariance/{name}", "string,float,float", *rows]
+        for name, target in targets.items()
+    }
     with product_of_run(request, "fits", why="it holds the coefficients") as fits:
         reference = str(request.corrected.attrs.get("correction_reference", ""))
-        table = _coefficient_rows(fits.load(), reference, written)
-    files: list[dict[str, Any]] = []
-    for component, target in targets.items():
-        top = [f"{STATION},{PRESSURE},ErrorVariance/{component}", "string,float,float"]
-        write_text(target, "\n".join([*top, *rows]) + "\n")
-        files.append({"path": str(target), "rows": len(rows)})
-    write_text(coefficients, "\n".join(table) + "\n")
-    files.append({"path": str(coefficients), "rows": len(table) - 2})
+        tables[coefficients] = _coefficient_rows(fits.load(), reference, written)
+    for target, table in tables.items():
+        write_text(target, "\n".join(table) + "\n")
+    files = [{"path": str(target), "rows": len(table) - 2} for target, table in tables.items()]
     notes = [
         "errors are read by DrawObsErrorFromFile: interpolation of stationIdentification exact, of "
         "pressure linear, extrapolation mode nearest",
@@ -195,33 +196,31 @@ def _error_rows(request: Request, written: dict[str, str]) -> list[str]:
     base = base_variance(known, "all")[::-1]
     pressure = 0.5 * (known["layer_bottom_pressure"] + known["layer_top_pressure"]).to_numpy()[::-1]
     errors = WindErrors(request, selected_rows(request).rows, known)
-    rows = _station(EVERY_STATION, pressure, bounded(base, 0.0))
-    excess = dict(zip(written, errors.aircraft_excess, strict=True))
+    excess = dict(zip(written, errors.aircraft_excess.tolist(), strict=True))
+    stations = {EVERY_STATION: 0.0}
     for name in sorted(written):
         if np.isfinite(excess[name]):
-            variance = bounded(base, excess[name])
-            for station in dict.fromkeys([written[name], written[name].ljust(PADDED)]):
-                rows += _station(station, pressure, variance)
-    return rows
-
-
-def _station(name: str, pressure: np.ndarray, variance: np.ndarray) -> list[str]:
-    return [f"{name},{at:.0f},{one:.4f}" for at, one in zip(pressure, variance, strict=True)]
+            stations |= dict.fromkeys([written[name], written[name].ljust(PADDED)], excess[name])
+    return [
+        f"{station},{at:.0f},{variance:.4f}"
+        for station, more in stations.items()
+        for at, variance in zip(pressure, bounded(base, more), strict=True)
+    ]
 
 
 def _coefficient_rows(fits: xr.Dataset, reference: str, written: dict[str, str]) -> list[str]:
     """Table of coefficients: names, types, and a row for each published fit of a reference."""
     names = [str(name) for name in fits["reference"].to_numpy()]
     fit = fits.sel(reference=reference if reference in names else names[0])
-    columns = [str(name) for name in fit["coefficient"].to_numpy()]
-    payload = [*columns, "airspeedScale", "horizontalField"]
-    header = [STATION, *(f"DeviationCoefficientValue/{name}" for name in payload)]
-    rows = [",".join(header), ",".join(["string", *["float"] * len(payload)])]
-    deviation = fit["deviation"].transpose("aircraft", "coefficient").to_numpy()
-    more = [fit[name].to_numpy() for name in ("airspeed_scale", "mean_horizontal_field")]
-    for place in np.flatnonzero(published(fit["status"])):
-        name = str(fit["aircraft"].to_numpy()[place])
-        values = [*deviation[place], *(column[place] for column in more)]
+    fit = fit.isel(aircraft=np.flatnonzero(published(fit["status"])))
+    table = fit["deviation"].transpose("aircraft", "coefficient").to_pandas()
+    table = table.assign(
+        airspeedScale=fit["airspeed_scale"].to_numpy(),
+        horizontalField=fit["mean_horizontal_field"].to_numpy(),
+    )
+    header = [STATION, *(f"DeviationCoefficientValue/{name}" for name in table)]
+    rows = [",".join(header), ",".join(["string", *["float"] * table.shape[1]])]
+    for name, *values in table.itertuples():
         texts = [f"{value:.6g}" if np.isfinite(value) else EVERY_STATION for value in values]
         rows.append(",".join([written.get(name, name), *texts]))
     return rows

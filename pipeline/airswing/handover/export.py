@@ -5,6 +5,7 @@ Assumes the corrected product of a run or its Dataset.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +14,10 @@ from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.handover.error_tables import write_jedi, write_obs_errors
 from airswing.handover.reject_list import write_reject_list
-from airswing.handover.request import Request, Winds
+from airswing.handover.selection import Request, Winds
 from airswing.handover.wrf_reports import write_little_r, write_ob_ascii, write_obs_domain
 from airswing.products.netcdf import open_product
-from airswing.products.whole_files import findings
+from airswing.products.whole_files import Findings
 from airswing.quantities import quantity
 
 if TYPE_CHECKING:
@@ -117,11 +118,12 @@ def export(
     ds = open_product(product) if product is not None else corrected
     if not isinstance(ds, xr.Dataset):
         raise TypeError("corrected is a Dataset or the path of one")
-    try:
+    folder = length is not None or str(path).endswith("/") or Path(path).is_dir()
+    with ds if product is not None else contextlib.nullcontext():
         request = Request(
             ds,
             Path(path),
-            length is not None or str(path).endswith("/") or Path(path).is_dir(),
+            folder,
             settings or Handover(),
             winds,
             length,
@@ -129,10 +131,7 @@ def export(
             overwrite,
             None if product is None else product.parent,
         )
-        return findings({"format": to, "winds": winds, **FORMATS[to][0](request)})
-    finally:
-        if product is not None:
-            ds.close()
+        return Findings({"format": to, "winds": winds, **FORMATS[to][0](request)})
 
 
 def as_text(result: dict[str, Any]) -> str:

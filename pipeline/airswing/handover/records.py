@@ -2,29 +2,33 @@
 
 A format is two or three printf templates with named fields: the lines before the levels of a
 report, the line of a level, and the lines after the levels. All fields have fixed columns as in the
-Fortran formats of the readers. Files are written in a temporary folder next to their target and
-renamed when all are complete.
+Fortran formats of the readers. Files are written under temporary names and renamed when all are
+complete.
 """
 
 from __future__ import annotations
 
-import os
+import contextlib
 import re
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.errors import InputError
 from airswing.flags import PHASE
-from airswing.handover.request import Request, refuse_existing
-from airswing.handover.selection import PLATFORMS, Rows, Selected, identifiers, platforms
+from airswing.handover.selection import (
+    PLATFORMS,
+    Request,
+    Rows,
+    Selected,
+    identifiers,
+    platforms,
+    refuse_existing,
+)
 from airswing.physics.triangle import direction_in_degrees
-from airswing.products.whole_files import made_folder
+from airswing.products.whole_files import atomic
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, ArrayLike]
@@ -131,81 +135,62 @@ def write_records(request: Request, selected: Selected, form: Format) -> dict[st
     first = np.flatnonzero(np.diff(rows["report"][order], prepend=-1))
     bounds = np.append(first, order.size)
     places = rows[["time", "aircraft"]][order[first]]
-    begin = 0 if request.settings.start is None else int(request.settings.start.timestamp())
-    window = np.zeros(first.size, dtype=np.int64)
+    targets, starts = [request.path / form.file_name if request.folder else request.path], [0]
     if request.window is not None:
+        begin = 0 if request.settings.start is None else int(request.settings.start.timestamp())
         window = (places["time"] - begin) // int(request.window)
-    windows, starts = np.unique(window, return_index=True)
-    ends = [*starts[1:].tolist(), first.size]
-    if request.window is None:
-        targets = [request.path / form.file_name if request.folder else request.path]
-    else:
+        windows, found = np.unique(window, return_index=True)
+        starts = found.tolist()
         moments = (np.datetime64(begin + int(one) * int(request.window), "s") for one in windows)
         # Names contain seconds only if these are not zero.
         names = (re.sub(r"\D", "", str(moment)).removesuffix("00") for moment in moments)
         targets = [request.path / name / form.file_name for name in names]
     refuse_existing(request, *targets)
     files: list[dict[str, Any]] = []
-    totals = np.zeros(len(PLATFORMS), dtype=np.int64)
-    folder = request.path.parent
-    try:
-        with (
-            made_folder(folder),
-            tempfile.TemporaryDirectory(prefix=".airswing-export-", dir=folder) as temporary,
-        ):
-            for start, end, target in zip(starts.tolist(), ends, targets, strict=True):
-                code = platform[places["aircraft"][start:end]]
-                numbers = np.bincount(code, minlength=len(PLATFORMS))
-                totals += numbers
-                with (Path(temporary) / str(len(files))).open("wb") as stream:
-                    header = form.header(dict(zip(PLATFORMS, numbers.tolist(), strict=True)))
-                    stream.write(header.encode("ascii"))
-                    for low in range(start, end, REPORTS_AT_ONCE):
-                        high = min(low + REPORTS_AT_ONCE, end)
-                        aircraft = places["aircraft"][low:high]
-                        stream.write(
-                            encoded(
-                                form,
-                                rows[order[bounds[low] : bounds[high]]],
-                                bounds[low:high] - bounds[low],
-                                np.arange(low + 1, high + 1),
-                                [fleet[place] for place in aircraft],
-                                platform[aircraft],
-                            )
+    code = platform[places["aircraft"]]
+    with contextlib.ExitStack() as together:
+        for target, start, end in zip(targets, starts, [*starts[1:], first.size], strict=True):
+            numbers = _by_platform(code[start:end])
+            temporary = together.enter_context(atomic(target, "export"))
+            with temporary.open("wb") as stream:
+                stream.write(form.header(numbers).encode("ascii"))
+                for low in range(start, end, REPORTS_AT_ONCE):
+                    high = min(low + REPORTS_AT_ONCE, end)
+                    stream.write(
+                        encoded(
+                            form,
+                            rows[order[bounds[low] : bounds[high]]],
+                            bounds[low:high] - bounds[low],
+                            np.arange(low + 1, high + 1),
+                            [fleet[place] for place in places["aircraft"][low:high]],
+                            code[low:high],
                         )
-                    stream.flush()
-                    os.fsync(stream.fileno())  # before the rename
-                times = places["time"][[start, end - 1]].astype("datetime64[s]")
-                files.append(
-                    {
-                        "path": str(target),
-                        "reports": end - start,
-                        "levels": int(bounds[end] - bounds[start]),
-                        "first_time": f"{times[0]}Z",
-                        "last_time": f"{times[1]}Z",
-                    }
-                )
-            for number, target in enumerate(targets):
-                target.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(Path(temporary) / str(number), target)
-    except OSError as err:
-        raise InputError(
-            "cannot write the export; nothing was changed",
-            file=request.path,
-            found=err.strerror or err,
-            remedy="Free space or choose another place with -o",
-        ) from err
+                    )
+            times = places["time"][[start, end - 1]].astype("datetime64[s]")
+            files.append(
+                {
+                    "path": str(target),
+                    "reports": end - start,
+                    "levels": int(bounds[end] - bounds[start]),
+                    "first_time": f"{times[0]}Z",
+                    "last_time": f"{times[1]}Z",
+                }
+            )
     account: dict[str, Any] = {
         "files": files,
         "reports": first.size,
         "levels": order.size,
-        "platforms": dict(zip(PLATFORMS, totals.tolist(), strict=True)),
+        "platforms": _by_platform(code),
         "left_out": dict(selected.left_out),
         "notes": _sounding_notes(selected) if request.soundings else [],
     }
     if request.settings.identifiers == "number":
         account["identifiers"] = dict(zip(request.aircraft, fleet, strict=True))
     return account
+
+
+def _by_platform(code: NDArray[np.int8]) -> dict[str, int]:
+    return dict(zip(PLATFORMS, np.bincount(code, minlength=len(PLATFORMS)).tolist(), strict=True))
 
 
 def _sounding_notes(selected: Selected) -> list[str]:

@@ -25,13 +25,13 @@ import pandas as pd
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import innovations, parts_of
 from airswing.evaluation.innovations import profile_cells
-from airswing.handover.request import (
+from airswing.handover.selection import (
+    APPLIED,
     Request,
     correction_members,
     product_of_run,
     refuse_existing,
 )
-from airswing.handover.selection import APPLIED
 from airswing.products.ragged import time_span
 from airswing.products.whole_files import atomic
 
@@ -98,7 +98,7 @@ def write_reject_list(request: Request) -> dict[str, Any]:
             aircraft = by_name.get(name)
             listed.add(name)
             passes, why = _verdict(entry, aircraft, current.criteria)
-            found = {"aircraft": entry.identifier, "why": why, **_rounded(aircraft or {})}
+            found = {"aircraft": entry.identifier, "why": why, **(aircraft or {})}
             if passes:
                 flags = entry.flags.replace("W", "")
                 removed.append({**found, "still_rejected": flags})
@@ -109,7 +109,7 @@ def write_reject_list(request: Request) -> dict[str, Any]:
     with atomic(target) as temporary:
         temporary.write_bytes(b"".join(lines))
     failing = [
-        _rounded(aircraft)
+        aircraft
         for name, aircraft in by_name.items()
         if aircraft["reported_fails"] and aircraft["reports"] >= FEWEST and name not in listed
     ]
@@ -274,24 +274,17 @@ def _judged(request: Request, current: RejectList) -> list[dict[str, Any]]:
     for place, name in enumerate(request.aircraft):
         usable, good = counts.iloc[place]
         aircraft: dict[str, Any] = {"name": name, "reports": int(good)}
-        aircraft["winds_a_day"] = float(usable / days)
+        aircraft["winds_a_day"] = round(float(usable / days), 1)
         for state in ("reported", "corrected"):
-            values = {}
-            for criterion in (one for one in WIND_CRITERIA if one in current.criteria):
-                kind, quantity = criterion.split("_")
-                values[criterion] = float(statistics[kind][state, quantity].iloc[place])
-            fails = [one for one, value in values.items() if abs(value) > current.criteria[one]]
-            aircraft |= {state: values, f"{state}_fails": fails}
+            values = {
+                criterion: float(statistics[kind][state, quantity].iloc[place])
+                for criterion in WIND_CRITERIA
+                if criterion in current.criteria
+                for kind, quantity in [criterion.split("_")]
+            }
+            aircraft[state] = {criterion: round(value, 2) for criterion, value in values.items()}
+            aircraft[f"{state}_fails"] = [
+                one for one, value in values.items() if abs(value) > current.criteria[one]
+            ]
         judged.append(aircraft)
     return judged
-
-
-def _rounded(judged: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: round(value, 1)
-        if isinstance(value, float)
-        else {name: round(number, 2) for name, number in value.items()}
-        if isinstance(value, dict)
-        else value
-        for key, value in judged.items()
-    }

@@ -1,4 +1,4 @@
-"""Reports that are exported, joined soundings, and identifiers and platforms of the aircraft.
+"""What is exported: the arguments, the reports, and identifiers and platforms of the aircraft.
 
 A report is exported when every screening rule let it pass, except the rules the configuration
 accepts (by default ``phase`` and ``field_test``). Reports without a model wind are omitted, because
@@ -10,25 +10,26 @@ it is TAMDAR; the code after ``FM-`` decides how a reader treats a report.
 from __future__ import annotations
 
 import fnmatch
+import json
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
-from airswing.handover.request import Request
 from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.physics.great_circle import central_angle
 from airswing.physics.triangle import wrap_degrees
+from airswing.products.netcdf import open_product, product_path
 from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.reports.columns import LIMITS
 from airswing.units import EARTH_RADIUS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Rows = NDArray[np.void]
 Mask = NDArray[np.bool_]
@@ -73,6 +74,72 @@ _LONGEST_IDENTIFIER = 40  # columns of LITTLE_R, ob.ascii and OBS_DOMAIN
 _LARGEST_NUMBER = 99_999  # WRFDA's bias correction reads identifiers as five-digit numbers
 
 
+# --- arguments ---------------------------------------------------------------------------------
+
+Winds = Literal["corrected", "reported"]
+ERRORS = "observation_errors.nc"
+
+
+@dataclass(frozen=True)
+class Request:
+    """Arguments of one export, common to all formats."""
+
+    corrected: xr.Dataset  # corrected reports, in memory or opened lazily
+    path: Path  # file or folder to write
+    folder: bool  # whether it is a folder
+    settings: Handover  # of the configuration, with the options of the command
+    winds: Winds = "corrected"
+    window: float | None = None  # s; each window of time gets a file
+    soundings: bool = False  # join every ascent and descent into one report
+    overwrite: bool = False
+    products: Path | None = None  # folder of the run's other products
+
+    @property
+    def aircraft(self) -> list[str]:
+        """Names of all aircraft, in the order of the product."""
+        return [str(name) for name in self.corrected["aircraft"].to_numpy()]
+
+
+def product_of_run(request: Request, name: str, *, why: str) -> xr.Dataset:
+    """Open another product of the same run lazily; ``why`` it is needed is part of the message."""
+    if request.products is None:
+        raise InputError(
+            f"the product {name} is needed: {why}",
+            field="corrected",
+            remedy="Give the path of a run's corrected winds instead of a Dataset",
+        )
+    path = product_path(request.products, name)
+    if not path.exists():
+        raise InputError(
+            f"no such product, and it is needed: {why}",
+            file=path,
+            remedy="Run `airswing run` with the same configuration first",
+        )
+    return open_product(path)
+
+
+def correction_members(corrected: xr.Dataset) -> list[str]:
+    """References the correction was fitted against; empty where the product does not name them."""
+    config = json.loads(str(corrected.attrs.get("airswing_config", "") or "{}"))
+    pools = config.get("pool", {}) | {name: [name] for name in config.get("references", {})}
+    name = str(corrected.attrs.get("correction_reference", ""))
+    return list(pools.get(name, next(iter(pools.values()), [])))
+
+
+def refuse_existing(request: Request, *targets: Path) -> None:
+    """Raise InputError where a file would be replaced without ``overwrite``."""
+    for target in targets:
+        if target.is_dir() or (target.exists() and not request.overwrite):
+            raise InputError(
+                "already exists",
+                file=target,
+                remedy="Choose another name with -o, or give --overwrite",
+            )
+
+
+# --- reports -----------------------------------------------------------------------------------
+
+
 @dataclass
 class Selected:
     """Reports to export, and counts of those omitted or moved."""
@@ -86,11 +153,7 @@ class Selected:
 
 
 def selected_rows(
-    request: Request,
-    *,
-    above: float = 0.0,
-    largest_step: float = np.inf,
-    least_depth: float = 0.0,
+    request: Request, *, above: float = 0.0, largest_step: float = np.inf, least_depth: float = 0.0
 ) -> Selected:
     """Select the reports of an archive and put them in order of time; InputError if none remains.
 
@@ -270,6 +333,9 @@ def _runs(rows: Rows, flight: NDArray[np.int64]) -> NDArray[np.int64]:
     start = np.flatnonzero(new)[np.cumsum(new) - 1]
     too_many = (np.arange(rows.size) - start) // _MOST_LEVELS
     return np.asarray(np.cumsum(new | (np.diff(too_many, prepend=0) > 0)) - 1, dtype=np.int64)
+
+
+# --- aircraft ----------------------------------------------------------------------------------
 
 
 def identifiers(request: Request) -> list[str]:

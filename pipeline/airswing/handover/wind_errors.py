@@ -13,19 +13,15 @@ for corrected winds. Assumes equal errors of both components.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.evaluation.observation_errors import USED
 from airswing.flags import PHASE
-from airswing.handover.request import ERRORS, Request, product_of_run
-from airswing.handover.selection import PLATFORMS, Rows, platforms
-
-if TYPE_CHECKING:
-    import xarray as xr
+from airswing.handover.selection import ERRORS, PLATFORMS, Request, Rows, platforms, product_of_run
 
 Array = NDArray[np.float64]
 
@@ -83,32 +79,25 @@ class WindErrors:
     """Error of every report of an archive, from all rows exported and :func:`known_errors`."""
 
     def __init__(self, request: Request, rows: Rows, known: xr.Dataset | None) -> None:
-        aircraft = request.aircraft
+        names = request.aircraft
         self._corrected = request.winds == "corrected"
         self._platform = platforms(request)
         self._base: Array = np.full((len(PHASE), 1), np.nan)
         self._tops: Array = np.array([-np.inf])
-        self._aircraft: Array = np.full(len(aircraft), np.nan)
+        self._aircraft: Array = np.full(len(names), np.nan)  # variance of each
         if known is not None:
             self._base = np.stack([base_variance(known, phase) for phase in PHASE])
             self._tops = known["layer_top_pressure"].to_numpy().astype(np.float64)
-            by_name = known[BY_AIRCRAFT].to_series().reindex(aircraft)
+            by_name = known[BY_AIRCRAFT].to_series().reindex(names)
             self._aircraft = np.square(by_name.to_numpy(dtype=np.float64))
-        cell, q = self._cell(rows), rows["error"] ** 2 / 2.0
-        by_aircraft = rows["aircraft"], len(aircraft)
-        self._q_of_cell = _means(q, cell, self._base.size)
-        self._q_of_aircraft = _means(q, *by_aircraft)
-        self._base_of_aircraft = _means(self._base.ravel()[cell], *by_aircraft)
-
-    @property
-    def source(self) -> str:
-        """Source of the errors."""
-        return "WRFDA's table" if np.isnan(self._base).all() else ERRORS
-
-    @property
-    def aircraft_excess(self) -> Array:
-        """Variance of each aircraft beyond the base of its reports, (m/s)2; NaN where unknown."""
-        return self._aircraft - self._base_of_aircraft
+        self.source = "WRFDA's table" if np.isnan(self._base).all() else ERRORS
+        cell = self._cell(rows)
+        table = pd.DataFrame({"q": rows["error"] ** 2 / 2.0, "base": self._base.ravel()[cell]})
+        by_aircraft = table.groupby(rows["aircraft"]).mean().reindex(range(len(names)))
+        by_cell = table.groupby(cell)["q"].mean().reindex(range(self._base.size))
+        self._q_of_aircraft, self._q_of_cell = by_aircraft["q"].to_numpy(), by_cell.to_numpy()
+        # Variance of each aircraft beyond the base of its reports, (m/s)2; NaN where unknown.
+        self.aircraft_excess: Array = self._aircraft - by_aircraft["base"].to_numpy()
 
     def of(self, rows: Rows) -> Array:
         """Error of a wind component of every report, m/s."""
@@ -134,10 +123,3 @@ def bounded(base: Array, excess: Array | float) -> Array:
     """Variance from its base and an excess (0 where NaN), not below the least, (m/s)2."""
     least = np.maximum(LEAST_SHARE * base, LEAST**2)
     return np.maximum(base + np.nan_to_num(excess), least)
-
-
-def _means(values: Array, group: NDArray[np.integer], groups: int) -> Array:
-    known = np.isfinite(values)
-    total = np.bincount(group[known], weights=values[known], minlength=groups)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(total / np.bincount(group[known], minlength=groups))

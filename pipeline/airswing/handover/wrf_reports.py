@@ -31,15 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.handover.records import (
-    MISSING,
-    Columns,
-    Format,
-    speed_and_direction,
-    write_records,
-)
-from airswing.handover.request import ERRORS, Request
-from airswing.handover.selection import CODES, PLATFORMS, Rows, selected_rows
+from airswing.handover.records import MISSING, Columns, Format, speed_and_direction, write_records
+from airswing.handover.selection import CODES, ERRORS, PLATFORMS, Request, Rows, selected_rows
 from airswing.handover.wind_errors import WindErrors, known_errors
 
 _CODES = [CODES[name] for name in PLATFORMS]

@@ -22,19 +22,13 @@ DAMAGE = (
 """Exceptions that the libraries raise on a damaged file."""
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _SOUND: set[tuple[str, int, int]] = set()
-# Bytes of a value by the type's code in the header.
+# Bytes of a value by the type's code in the header, and tags of the header's three lists.
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 8, 7: 1, 8: 2, 9: 4, 10: 8, 11: 8}
-# Tags of the header's three lists.
 _DIMENSION, _VARIABLE, _ATTRIBUTE = 10, 11, 12
-_MOST = 100_000  # entries of a list, more than any file has
-_MOST_DIMENSIONS = 1024  # NC_MAX_VAR_DIMS of the library
+_MOST = 10_000_000  # entries of a list or values of an attribute, more than any file has
 _PADDING = 3  # bytes: the last variable may lack its padding to a multiple of four
 # Number of records where the writer did not state it.
 _STREAMING = (0xFFFFFFFF, 0xFFFFFFFFFFFFFFFF)
-
-
-class _HeaderError(Exception):
-    """The header is inconsistent or ends early."""
 
 
 def require_sound(path: Path) -> None:
@@ -43,7 +37,21 @@ def require_sound(path: Path) -> None:
         start = file.read(len(_HDF5))
         if start.startswith(b"CDF"):
             file.seek(0)
-            _require_whole(file, path)
+            try:
+                needed, records = _extent(file)
+            except ValueError as error:
+                raise InputError(
+                    "cannot be opened: damaged, its NetCDF header is inconsistent",
+                    file=path,
+                    found=error,
+                ) from error
+            if needed > path.stat().st_size + _PADDING:
+                raise InputError(
+                    f"cannot be opened: damaged, {needed:,} bytes by its header, of which "
+                    f"{path.stat().st_size:,} are there",
+                    file=path,
+                    found=f"{records:,} records",
+                )
     if start == _HDF5 and _identity(path) not in _SOUND:
         try:
             fault = guarded(_fault, str(path.absolute()))
@@ -84,88 +92,69 @@ def _fault(path: str) -> str:
     return ""
 
 
-def _require_whole(file: BinaryIO, path: Path) -> None:
-    """Refuse a classic file whose header describes more data than it contains."""
-    size = path.stat().st_size
-    try:
-        needed, records = _extent(file)
-    except _HeaderError as error:
-        raise InputError(
-            "cannot be opened: damaged, its NetCDF header is inconsistent",
-            file=path,
-            found=error,
-        ) from error
-    if needed > size + _PADDING:
-        raise InputError(
-            f"cannot be opened: damaged, {needed:,} bytes by its header, of which {size:,} are "
-            "there",
-            file=path,
-            found=f"{records:,} records",
-        )
-
-
 def _extent(file: BinaryIO) -> tuple[int, int]:
-    """End of the variables of a classic file in bytes, and the number of records."""
+    """End of the variables of a classic file in bytes, and the number of records.
 
-    def number(length: int) -> int:
+    A ValueError is raised where the header is inconsistent or ends early.
+    """
+
+    def number(length: int = 4) -> int:
         found = file.read(length)
         if len(found) < length:
-            raise _HeaderError("it ends in its header")
+            raise ValueError("it ends in its header")
         return int.from_bytes(found, "big")
 
-    def length(most: int) -> int:
+    def length() -> int:
         found = number(wide)
-        if found > most:
-            raise _HeaderError(f"a list of {found:,} entries")
+        if found > _MOST:
+            raise ValueError(f"a list of {found:,} entries")
         return found
 
-    def skip(bytes_of_each: int, most: int) -> None:  # names and values are padded to four bytes
-        size = bytes_of_each * length(most)
+    def skip(bytes_of_each: int = 1) -> None:  # names and values are padded to four bytes
+        size = bytes_of_each * length()
         number(size + -size % 4)
 
     def entries(tag: int) -> range:
-        kind, found = number(4), length(_MOST)
+        kind, found = number(), length()
         if kind not in (0, tag) or (kind == 0 and found):
-            raise _HeaderError("a list of an unexpected kind")
+            raise ValueError("a list of an unexpected kind")
         return range(found)
 
     def value_size() -> int:
-        kind = number(4)
+        kind = number()
         if kind not in _SIZES:
-            raise _HeaderError(f"values of type {kind}")
+            raise ValueError(f"values of type {kind}")
         return _SIZES[kind]
 
     def attributes() -> None:
         for _ in entries(_ATTRIBUTE):
-            skip(1, _MOST)
-            skip(value_size(), 100 * _MOST)
+            skip()
+            skip(value_size())
 
-    version = number(4) & 0xFF
+    version = number() & 0xFF
     if version not in (1, 2, 5):  # classic, 64-bit offset, CDF-5
-        raise _HeaderError(f"format {version}")
+        raise ValueError(f"format {version}")
     wide = 8 if version == 5 else 4
     records, sizes = number(wide), []
     for _ in entries(_DIMENSION):
-        skip(1, _MOST)
+        skip()
         sizes.append(number(wide))
     attributes()
-    end, record_sizes, begins = 0, [], []
+    end, rows = 0, []
     for _ in entries(_VARIABLE):
-        skip(1, _MOST)
-        dims = [number(wide) for _ in range(length(_MOST_DIMENSIONS))]
+        skip()
+        dims = [number(wide) for _ in range(length())]
         attributes()
         each, _, begin = value_size(), number(wide), number(4 if version == 1 else 8)
         if any(dim >= len(sizes) for dim in dims):
-            raise _HeaderError("a variable of an unknown dimension")
+            raise ValueError("a variable of an unknown dimension")
         shape = [sizes[dim] for dim in dims]
         if shape and shape[0] == 0:  # the record dimension
-            record_sizes.append(each * math.prod(shape[1:]))
-            begins.append(begin)
+            rows.append((begin, each * math.prod(shape[1:])))
         else:
             end = max(end, begin + each * math.prod(shape))
-    if record_sizes and records and records not in _STREAMING:
+    if rows and records and records not in _STREAMING:
         # A single variable of records has no padding between them.
-        padded = record_sizes if len(begins) == 1 else [size + -size % 4 for size in record_sizes]
-        last = max(begin + size for begin, size in zip(begins, record_sizes, strict=True))
-        end = max(end, last + (records - 1) * sum(padded))
+        step = sum(size + -size % 4 * (len(rows) > 1) for _, size in rows)
+        end = max(end, max(begin + size for begin, size in rows) + (records - 1) * step)
     return end, records

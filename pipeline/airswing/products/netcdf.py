@@ -32,20 +32,19 @@ REFERENCES = (
 # Defaults that the section `metadata` of the configuration replaces (ACDD 1.3).
 _ACDD = {"institution": "not stated", "creator_name": "not stated", "license": "not stated"}
 _TIME_UNITS = {"units": "milliseconds since 1970-01-01", "calendar": "standard"}
-COORDINATES = ("time", "latitude", "longitude", "pressure_altitude")
-"""Coordinates of a report, as its data variables name them."""
+# Coordinates of a report, as its data variables name them.
+_COORDINATES = ("time", "latitude", "longitude", "pressure_altitude")
 # Bytes for each variable; the library's default of 16 MiB adds up to hundreds of megabytes.
 _CHUNK_CACHE = 2**20
-REPORTS_A_CHUNK = 32_768
-"""Reports in a chunk: few, so that one aircraft is read without much of the others."""
+# Reports in a chunk: few, so that one aircraft is read without much of the others.
+_REPORTS_A_CHUNK = 32_768
 PRODUCTS = (
     *("headings", "fits", "corrected", "error_profiles", "observation_errors"),
     *("innovation_statistics", "gap", "postprocessed"),
 )
-"""NetCDF products of a run, as :func:`open_results` names them."""
 _MAKE = "Run the stage that makes it, or `airswing run`"
 # Rounded variables in the range from 0 to, but not including, 360 degrees.
-DIRECTIONS = ("heading", "magnetic_heading", "track")
+_DIRECTIONS = ("heading", "magnetic_heading", "track")
 
 
 def write_product(
@@ -114,32 +113,37 @@ def write_product(
         "uuid": str(uuid.uuid4()),
         "source_uuids": " ".join(source_uuids),
     }
-    if "report" in ds.dims and "row_size" in ds:
-        ds = _as_trajectories(ds)
-    netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
-    # xarray's lock of the file cannot be sent to the processes of dask's local scheduler.
-    processes = dask.config.get("scheduler", None) in ("processes", "multiprocessing")
-    here = dask.config.set(scheduler="threads") if processes else contextlib.nullcontext()
+    if _is_ragged(ds):
+        _mark_trajectories(ds)
     # The library encodes no variable of which every time is missing (NaT).
     times = {name: v for name, v in ds.variables.items() if v.dtype.kind == "M"}
     for name, v in times.items():
         ds[name] = v.dims, v.data.astype("M8[ms]").astype(np.int64), v.attrs | _TIME_UNITS
-    encoding = {name: _encoding(ds[name]) for name in ds.variables}
+    netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
+    # xarray's lock of the file cannot be sent to the processes of dask's local scheduler.
+    processes = dask.config.get("scheduler", None) in ("processes", "multiprocessing")
+    here = dask.config.set(scheduler="threads") if processes else contextlib.nullcontext()
     with atomic(path) as temporary, here:
+        encoding = {name: _encoding(ds[name]) for name in ds.variables}
         ds.to_netcdf(temporary, engine="netcdf4", encoding=encoding)
     written_here(path)
     return path
 
 
-def _as_trajectories(ds: xr.Dataset) -> xr.Dataset:
-    ds = ds.assign_attrs(featureType="trajectory")
+def _is_ragged(ds: xr.Dataset) -> bool:
+    return "report" in ds.dims and "row_size" in ds
+
+
+def _mark_trajectories(ds: xr.Dataset) -> None:
+    """Attributes of a ragged array of trajectories, and of the time and space it covers."""
+    ds.attrs["featureType"] = "trajectory"
     ds["row_size"].attrs["sample_dimension"] = "report"
     ds["aircraft"].attrs["cf_role"] = "trajectory_id"
-    there = [name for name in COORDINATES if name in ds]
+    there = [name for name in _COORDINATES if name in ds]
     for name, variable in ds.variables.items():
         if "report" in variable.dims and name not in there:
             variable.attrs["coordinates"] = " ".join(there)
-    if ds.sizes["report"] and set(COORDINATES[:3]) <= set(there):
+    if ds.sizes["report"] and set(_COORDINATES[:3]) <= set(there):
         time = ds["time"].to_numpy()
         ds.attrs["time_coverage_start"] = f"{np.nanmin(time).astype('M8[s]')}Z"
         ds.attrs["time_coverage_end"] = f"{np.nanmax(time).astype('M8[s]')}Z"
@@ -147,7 +151,6 @@ def _as_trajectories(ds: xr.Dataset) -> xr.Dataset:
             values = ds[name].to_numpy()
             ds.attrs[f"geospatial_{short}_min"] = float(np.nanmin(values))
             ds.attrs[f"geospatial_{short}_max"] = float(np.nanmax(values))
-    return ds
 
 
 def as_stored(ds: xr.Dataset) -> xr.Dataset:
@@ -163,12 +166,12 @@ def as_stored(ds: xr.Dataset) -> xr.Dataset:
         if entry.step:
             # a power of two: scaling loses nothing
             values = np.rint(variable.data * (1.0 / entry.step)) * entry.step
-            if name in DIRECTIONS:
+            if name in _DIRECTIONS:
                 values = values % 360.0  # a value rounded up to 360 is north
             attrs = {**variable.attrs, "stored_step": entry.step}
-            changed[name] = xr.Variable(variable.dims, values.astype(entry.dtype), attrs)
-        elif entry.dtype.startswith("f") and variable.dtype != entry.dtype:
-            changed[name] = variable.astype(entry.dtype)
+            variable = xr.Variable(variable.dims, values, attrs)
+        if entry.dtype.startswith("f"):
+            changed[name] = variable.astype(entry.dtype, copy=False)
     return ds.assign(changed)
 
 
@@ -201,14 +204,13 @@ def open_product(path: str | Path) -> xr.Dataset:
     files = sorted(path.glob("*.nc")) if path.is_dir() else [path]
     if not files:
         raise InputError("no month of a product in the folder", file=path, remedy=_MAKE)
-    opened = [_opened(file) for file in files]
-    ragged = ["report" in ds.dims and "row_size" in ds for ds in opened]
-    if not path.is_dir() and not ragged[0]:
-        return opened[0]
-    if not all(ragged):
+    months = [_opened(file) for file in files]
+    if not all(map(_is_ragged, months)):
+        if not path.is_dir():
+            return months[0]
         raise InputError("not a folder of products by month", file=path, remedy=_MAKE)
     try:
-        return joined_months(opened)
+        return joined_months(months)
     except ValueError as err:
         raise InputError(str(err), file=path, remedy=_MAKE) from err
 
@@ -272,10 +274,9 @@ def open_results(folder: str | Path) -> xr.DataTree:
 
 def product_path(folder: Path, name: str) -> Path:
     """Path of a product (such as ``headings``) of a run: the folder of its months, or the file."""
-    months = Path(folder) / name
-    file = months.with_suffix(".nc")
-    by_month = name in ("headings", "corrected") and not file.exists()
-    return months if by_month or months.is_dir() else file
+    months, file = Path(folder) / name, Path(folder) / f"{name}.nc"
+    by_month = months.is_dir() or (name in ("headings", "corrected") and not file.exists())
+    return months if by_month else file
 
 
 @contextlib.contextmanager
@@ -321,13 +322,12 @@ def _damaged_entry(ds: xr.Dataset) -> str:
             return key
     for name, variable in ds.variables.items():
         try:
-            entry = lookup(str(name), variable.dims)
+            numbers = lookup(str(name), variable.dims).dtype[:1] in "iufb"
         except (KeyError, ValueError):
             return str(name)
-        numbers = variable.dtype.kind in "iufb"
-        if numbers != (entry.dtype[:1] in "iufb") and variable.dtype.kind != "M":
+        if numbers != (variable.dtype.kind in "iufb") and variable.dtype.kind != "M":
             return str(name)
-    if "row_size" in ds.variables and "report" in ds.sizes:
+    if _is_ragged(ds):
         sizes = ds["row_size"].to_numpy()
         if (sizes < 0).any() or int(sizes.sum()) != ds.sizes["report"]:
             return "row_size"
@@ -356,7 +356,7 @@ def _encoding(variable: xr.DataArray) -> dict[str, object]:
         encoding |= {"zlib": True, "complevel": 1, "shuffle": True}
         if "report" in variable.dims:
             encoding["chunksizes"] = tuple(
-                min(size, REPORTS_A_CHUNK) if name == "report" else 1
+                min(size, _REPORTS_A_CHUNK) if name == "report" else 1
                 for name, size in variable.sizes.items()
             )
     return encoding

@@ -15,6 +15,7 @@ from typing import Any
 
 import dask.array as da
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -22,6 +23,10 @@ BLOCK_REPORTS = 200_000
 """Most reports of a block, unless a single aircraft has more."""
 FLIGHTS = "flight_total"
 """Attribute of a month: its number of flights."""
+_CONCAT: dict[str, Any] = {
+    **{"data_vars": "minimal", "coords": "minimal", "compat": "override"},
+    **{"join": "override", "combine_attrs": "override"},
+}
 _TALLIES = ("screened_out", "reading_audit", "reference_audit")
 COVERAGE = (
     *("time_coverage_start", "time_coverage_end", "geospatial_lat_min", "geospatial_lat_max"),
@@ -77,8 +82,8 @@ def blocks(
 
 def time_span(ds: xr.Dataset) -> tuple[np.datetime64, np.datetime64]:
     """First and last time of an archive with at least one report."""
-    times = [part["time"].to_numpy() for part in blocks(ds, ["time"]) if part.sizes["report"]]
-    return min(time.min() for time in times), max(time.max() for time in times)
+    first, last = (one.compute().data[()] for one in (ds["time"].min(), ds["time"].max()))
+    return first, last
 
 
 def some_reports(ds: xr.Dataset, chosen: NDArray[np.bool_]) -> xr.Dataset:
@@ -89,16 +94,12 @@ def some_reports(ds: xr.Dataset, chosen: NDArray[np.bool_]) -> xr.Dataset:
 
 def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
     """Concatenate blocks of whole aircraft, with the attributes of the first."""
-    found = parts[0].drop_vars(
-        [name for name, v in parts[0].variables.items() if {"report", "aircraft"} & set(v.dims)]
-    )
-    for name, variable in parts[0].variables.items():
-        dim = next((dim for dim in ("report", "aircraft") if dim in variable.dims), None)
-        if dim is not None:
-            values = [part[name].to_numpy() for part in parts]
-            whole = np.concatenate(values, axis=variable.dims.index(dim))
-            found[name] = (variable.dims, whole, variable.attrs)
-    return found
+    reports = xr.concat([part.drop_dims("aircraft") for part in parts], "report", **_CONCAT)
+    return reports.merge(_by_aircraft(parts))
+
+
+def _by_aircraft(parts: Sequence[xr.Dataset]) -> xr.Dataset:
+    return xr.concat([part.drop_dims("report") for part in parts], "aircraft", **_CONCAT)
 
 
 def aircraft_of_report(ds: xr.Dataset) -> NDArray[np.int64]:
@@ -149,43 +150,29 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
     ValueError is raised if months hold different variables or references, or unordered aircraft.
     """
     first = months[0]
-    same = {name for name in first.coords if not {"report", "aircraft"} & set(first[name].dims)}
-    for other in months[1:]:
-        if set(other.variables) != set(first.variables) or not all(
-            np.array_equal(other[name].to_numpy(), first[name].to_numpy()) for name in same
-        ):
-            raise ValueError("the months hold different variables or references")
-    names = [month["aircraft"].to_numpy().astype(str) for month in months]
-    if any((part[1:] <= part[:-1]).any() for part in names):
+    other_dims = [month.drop_dims(["report", "aircraft"]) for month in months]
+    if any(set(month.variables) != set(first.variables) for month in months) or not all(
+        one.coords.equals(other_dims[0].coords) for one in other_dims
+    ):
+        raise ValueError("the months hold different variables or references")
+    sizes = [month["row_size"].to_series() for month in months]
+    if not all(one.index.is_monotonic_increasing and one.index.is_unique for one in sizes):
         raise ValueError("the aircraft are not in alphabetical order")
-    aircraft = np.unique(np.concatenate(names))
-    counts = np.zeros((len(months), aircraft.size), dtype=np.int64)
-    for row, part, month in zip(counts, names, months, strict=True):
-        row[np.searchsorted(aircraft, part)] = month["row_size"].to_numpy()
+    counts = pd.concat(sizes, axis=1).sort_index().fillna(0).to_numpy(np.int64).T
+    flights = [int(month.attrs.get(FLIGHTS, 0)) for month in months]
     attributes = _attributes(months)
-    total = counts.sum(axis=0).astype(np.int32)
-    columns = {"row_size": xr.Variable("aircraft", total, first["row_size"].attrs)}
+    # Values by aircraft are those of its last month.
+    whole = _by_aircraft(months).drop_duplicates("aircraft", keep="last").sortby("aircraft")
+    whole = whole.assign_coords(aircraft=whole["aircraft"].astype(str).astype(object))
+    whole["row_size"] = "aircraft", counts.sum(axis=0).astype(np.int32), first["row_size"].attrs
     for name, variable in first.data_vars.items():
         if "report" in variable.dims:
-            added = np.zeros(len(months), dtype=np.int64)
-            if name == "flight":
-                added[1:] = np.cumsum([int(month.attrs.get(FLIGHTS, 0)) for month in months[:-1]])
             parts = [month.variables[name] for month in months]
+            earlier = np.cumsum([0, *flights[:-1]]) if name == "flight" else np.zeros(len(parts))
             token = f"months-{attributes['uuid']}-{name}"
-            lazy = _reports_by_aircraft(parts, counts, added, token)
-            columns[str(name)] = xr.Variable(variable.dims, lazy, variable.attrs)
-    # Values by aircraft are those of its last month.
-    whole = xr.concat(
-        [month.drop_dims("report") for month in months],
-        "aircraft",
-        data_vars="minimal",
-        coords="minimal",
-        compat="override",
-        join="override",
-        combine_attrs="override",
-    ).drop_duplicates("aircraft", keep="last")
-    whole = whole.assign_coords(aircraft=whole["aircraft"].astype(str).astype(object))
-    return whole.sortby("aircraft").assign(columns)[list(first.data_vars)].assign_attrs(attributes)
+            lazy = _reports_by_aircraft(parts, counts, earlier.astype(np.int64), token)
+            whole[name] = variable.dims, lazy, variable.attrs
+    return whole[list(first.data_vars)].assign_attrs(attributes)
 
 
 def _reports_by_aircraft(
@@ -196,19 +183,19 @@ def _reports_by_aircraft(
     ``counts`` (month, aircraft) are numbers of reports, ``added`` (month,) is added to the values.
     """
     stop = np.cumsum(counts, axis=1)
-    start = stop - counts
     groups = aircraft_groups(counts.sum(axis=0))
     dtype = np.result_type(*(part.dtype for part in parts))
 
     def chunk(block_id: tuple[int, ...]) -> NDArray[np.generic]:
         group = groups[block_id[-1]]
-        values = [
-            part[..., low[group.start] : high[group.stop - 1]].to_numpy()
-            for part, low, high in zip(parts, start, stop, strict=True)
-        ]
-        values = [part + more if more else part for part, more in zip(values, added, strict=True)]
-        owner = np.concatenate([np.repeat(np.arange(row.size), row) for row in counts[:, group]])
-        order = np.argsort(owner, kind="stable")
+        values, owner = [], []
+        for part, number, end, more in zip(
+            parts, counts[:, group], stop[:, group], added, strict=True
+        ):
+            one = part[..., end[0] - number[0] : end[-1]].to_numpy()
+            values.append(one + more if more else one)
+            owner.append(np.repeat(np.arange(number.size), number))
+        order = np.argsort(np.concatenate(owner), kind="stable")
         return np.concatenate(values, axis=-1)[..., order].astype(dtype)
 
     sizes = tuple(int(counts[:, group].sum()) for group in groups)
@@ -249,9 +236,3 @@ def _summed(parts: Sequence[Any]) -> object:
     if all(isinstance(part, list) and isinstance(part[0], dict) for part in full):
         return [entry for part in full for entry in part]
     return parts[-1]
-
-
-def month_bounds(month: str) -> tuple[np.datetime64, np.datetime64]:
-    """Begin of a month such as ``2008-07`` and of the next one, datetime64[ns]."""
-    begin = np.datetime64(month, "M")
-    return begin.astype("M8[ns]"), (begin + 1).astype("M8[ns]")

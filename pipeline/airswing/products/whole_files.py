@@ -17,16 +17,15 @@ import math
 import os
 import re
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 
 from airswing.errors import InputError, shortened
 from airswing.version import __version__
 
-Content = TypeVar("Content", bound=Mapping[str, object])
 ZARR_MARKS = ("zarr.json", ".zmetadata", ".zgroup")
 """Files, one of which is at the top of every Zarr store."""
 PACKAGE = Path(__file__).parents[1]
@@ -35,48 +34,38 @@ _DIGITS = 32  # hexadecimal: 128 bits, so that no two fingerprints are equal by 
 
 
 @contextlib.contextmanager
-def made_folder(folder: Path) -> Iterator[None]:
-    """Make a folder and its parents; remove the new ones if the block fails."""
-    missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        yield
-    except BaseException:
-        for path in missing:
-            with contextlib.suppress(OSError):  # not empty: another process uses it
-                path.rmdir()
-        raise
-
-
-@contextlib.contextmanager
-def atomic(path: Path) -> Iterator[Path]:
+def atomic(path: Path, what: str = "product") -> Iterator[Path]:
     """Give a temporary name to write to, and rename it to ``path`` when the block ends well.
 
-    Its folder is created if absent.
+    Its folder is created if absent; ``what`` names the file in the error if it cannot be written.
     """
     path = Path(path)
     # In the same folder, because a rename is atomic within one file system only; hidden, so that
     # no pattern of products matches it.
     temporary = path.with_name(f".{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.part")
+    missing = [folder for folder in path.parents if not folder.exists()]
     try:
-        with made_folder(path.parent):
-            try:
-                yield temporary
-                # before the rename, so that no file survives a loss of power without its content
-                _flush(temporary)
-                os.replace(temporary, path)
-                with contextlib.suppress(OSError):  # some systems cannot flush a folder
-                    _flush(path.parent)
-            finally:
-                with contextlib.suppress(OSError):
-                    temporary.unlink(missing_ok=True)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield temporary
+            # before the rename, so that no file survives a loss of power without its content
+            _flush(temporary)
+            os.replace(temporary, path)
+            with contextlib.suppress(OSError):  # some systems cannot flush a folder
+                _flush(path.parent)
+        except BaseException:
+            with contextlib.suppress(OSError):  # absent; or another process uses the folder
+                temporary.unlink(missing_ok=True)
+                for folder in missing:
+                    folder.rmdir()
+            raise
     except (OSError, RuntimeError) as err:
         # The NetCDF and HDF5 libraries report a full disk as a RuntimeError.
         message = re.search(r"error message = '([^']*)'", str(err))
         if isinstance(err, RuntimeError) and "NetCDF" not in str(err) and message is None:
             raise
         raise InputError(
-            "cannot write the product; nothing was changed",
+            f"cannot write the {what}; nothing was changed",
             file=path,
             found=message[1] if message else getattr(err, "strerror", None) or err,
             remedy="Free space or choose another folder with --output",
@@ -89,13 +78,6 @@ def _flush(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def require_writable(folder: Path) -> None:
-    """Check that a folder can be written to; InputError if not."""
-    with atomic(Path(folder) / ".writable") as temporary:
-        temporary.touch()
-    (Path(folder) / ".writable").unlink()
 
 
 def write_text(path: Path, text: str) -> Path:
@@ -181,24 +163,21 @@ def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
     """Return the error for a path or pattern of a key (`field`) that names no file."""
     text = os.fspath(pattern)
     folder = Path(text)
-    while glob.has_magic(str(folder)):
-        folder = folder.parent
+    above = next(path for path in (folder, *folder.parents) if not glob.has_magic(str(path)))
     try:
-        folder.stat()
-        if folder.is_dir():
-            os.scandir(folder).close()
+        os.scandir(above).close()
     except PermissionError:
         return InputError(
             "the folder may not be read: permission denied",
             # the last accessible path where a folder may be listed but not entered
-            file=next(path for path in (folder, *folder.parents) if os.path.exists(path)),
+            file=next(path for path in (above, *above.parents) if os.path.exists(path)),
             field=field,
             found=f"pattern {text!r}",
             remedy="Its owner can let you list and enter it",
         )
-    except OSError:
+    except OSError:  # absent, or a file
         pass
-    folder, what = Path(text), "no file found"
+    what = "no file found"
     remedy = "Check the pattern; relative paths start at the current directory"
     if folder.is_dir():
         first = next((path for path in sorted(folder.rglob("*")) if path.is_file()), folder / "*")
@@ -215,25 +194,6 @@ def fingerprint(*parts: object) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
 
 
-def file_identities(patterns: Sequence[str]) -> list[tuple[str, int, int]]:
-    """Name, size and modification time (ns) of every file and Zarr store the patterns match."""
-    paths = [os.path.expanduser(pattern) for pattern in patterns]
-    matches = [
-        [path] if os.path.isfile(path) else glob.glob(path, recursive=True) for path in paths
-    ]
-    found = []
-    for name in sorted({name for names in matches for name in names}):
-        if os.path.isfile(name):
-            status = os.stat(name)
-            found.append((name, status.st_size, status.st_mtime_ns))
-        elif any(os.path.isfile(os.path.join(name, mark)) for mark in ZARR_MARKS):
-            entries = [path.stat() for path in Path(name).rglob("*") if path.is_file()]
-            # with the number of files: chunks of the same size may be added and removed
-            size = sum(entry.st_size for entry in entries) + len(entries)
-            found.append((name, size, max(entry.st_mtime_ns for entry in entries)))
-    return found
-
-
 @functools.cache
 def code_digest() -> str:
     """Hash (32 hex digits) of the source code and tables of the package.
@@ -248,14 +208,8 @@ def code_digest() -> str:
     return digest.hexdigest()[:_DIGITS]
 
 
-class Findings(dict[str, object]):
-    """A mapping whose ``repr`` has one line a key, each of at most 100 characters."""
+class Findings(dict[str, Any]):
+    """A stage's result: a mapping whose ``repr`` has a line a key, of at most 100 characters."""
 
     def __repr__(self) -> str:
         return "\n".join(f"{key}: {shortened(value, 98 - len(key))}" for key, value in self.items())
-
-
-def findings(content: Content) -> Content:
-    """Return a stage's result as :class:`Findings`, typed as before."""
-    # a TypedDict with the same keys
-    return cast(Content, Findings(content))

@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from airswing.config import Reports
+from airswing.config import Config
+from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame, sampled
 from airswing.gap.checks import review_claims
@@ -185,17 +186,12 @@ def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.D
     if not models:
         return headings
     places = headings[["time", "latitude", "longitude", "pressure"]]
-    hours = {"": 0.0, "_hour_before": -1.0, "_hour_after": 1.0}
+    hours = {"_hour_before": -1.0, "_hour_after": 1.0} | ({"": 0.0} if offset else {})
     near = {}
     for when, hour in hours.items():
-        if not when and not offset:
-            continue
         shift = np.timedelta64(round(3600 * (hour - offset)), "s")
-        winds = collocate(
-            places.assign(time=places["time"] + shift),
-            models,
-            max_time_gap=config.collocation.max_time_gap,
-        ).compute()
+        moved, gap = places.assign(time=places["time"] + shift), config.collocation.max_time_gap
+        winds = collocate(moved, models, max_time_gap=gap).compute()
         for name in ("reference_eastward_wind", "reference_northward_wind"):
             near[name + when] = winds[name].reindex(reference=headings["reference"])
     return headings.assign(near)
@@ -279,10 +275,8 @@ def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, stri
 
 
 def _against(
-    job: Job, frame: Frame, simulated: str, reports: xr.Dataset, section: Reports
+    job: Job, frame: Frame, simulated: str, reports: xr.Dataset, simulation: Config
 ) -> Start:
-    from airswing.config_file import load_config
-
     with job.progress.stage("match") as stage:
         matched = match_reports(frame, reports)
         number = int(matched.found.sum())
@@ -296,11 +290,8 @@ def _against(
     )
     if matched.same_paths:
         return Start(with_simulated_wind(frame, matched), simulation=entry)
-    # the references of the archive, unless the simulation has others
     output = job.output / _SIMULATION_FOLDER
-    config = job.config.model_copy(update={"reports": section, "output": output})
-    if _is_configuration(simulated):
-        config = load_config(Path(simulated), output=output)
+    config = simulation.model_copy(update={"output": output})
     effects = effects_of_archive(replace(job, config=config, fresh=True))
     shutil.rmtree(output, ignore_errors=True)
     shared = set(frame.tails) & {str(name) for name in reports["aircraft"].values}
@@ -317,26 +308,27 @@ def effects_of_archive(job: Job) -> list[ActiveEffect]:
     return found
 
 
-def _is_configuration(simulated: str) -> bool:
-    return Path(simulated).suffix in {".yaml", ".yml"}
+def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Config]:
+    """Read simulated reports; return also the configuration of their archive.
 
-
-def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Reports]:
-    """Read simulated reports, with the column mapping of the archive where it is needed."""
-    from airswing.config_file import load_config
-
-    if _is_configuration(simulated):
-        section = load_config(Path(simulated)).reports
+    Without a configuration of the simulation it is that of the job with other report files, whose
+    columns are named as in its archive if they are not the canonical ones.
+    """
+    if Path(simulated).suffix in {".yaml", ".yml"}:
+        config = load_config(Path(simulated))
+        section = config.reports
         found = read_reports(section.files, format=section.format, columns=section.columns)
-        return found, section
-    archive = job.config.reports
-    section = archive.model_copy(update={"files": [simulated], "format": "auto", "columns": {}})
+        return found, config
     if not glob(simulated, recursive=True):
         raise InputError("no reports of a simulation", file=simulated, field="--simulated")
+    files, columns = [simulated], job.config.reports.columns
     try:
-        return read_reports(section.files), section
+        found, columns = read_reports(files), {}
     except InputError:
-        if not archive.columns:
+        if not columns:
             raise
-    section = section.model_copy(update={"columns": archive.columns})
-    return read_reports(section.files, columns=section.columns), section
+        found = read_reports(files, columns=columns)
+    section = job.config.reports.model_copy(
+        update={"files": files, "format": "auto", "columns": columns}
+    )
+    return found, job.config.model_copy(update={"reports": section})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.products.netcdf import open_product, product_path, write_product
 from airswing.products.ragged import COVERAGE
-from airswing.products.whole_files import require_writable
 from airswing.report.run.reading_warnings import tally
 from airswing.workflow.progress import Progress
 
@@ -47,12 +45,10 @@ class Job:
         folder = None if output is None else Path(output)
         if not isinstance(config, Config):
             config = load_config(config, output=folder)
-        elif folder is not None:
-            config = config.model_copy(update={"output": folder})
+        changes: dict[str, Any] = {} if folder is None else {"output": folder}
         if scheduler is not None:
-            compute = config.compute.model_copy(update={"scheduler": scheduler})
-            config = config.model_copy(update={"compute": compute})
-        return cls(config, Progress(quiet=quiet), fresh)
+            changes["compute"] = config.compute.model_copy(update={"scheduler": scheduler})
+        return cls(config.model_copy(update=changes), Progress(quiet=quiet), fresh)
 
     @property
     def output(self) -> Path:
@@ -83,7 +79,6 @@ class Job:
         self, ds: xr.Dataset, name: str, *, title: str, sources: tuple[xr.Dataset, ...] = ()
     ) -> None:
         """Write a product, made from the products `sources`, under a name in the output folder."""
-        require_writable(self.output)
         covered = sources[0].attrs if sources else {}
         write_product(
             ds.assign_attrs({key: covered[key] for key in COVERAGE if key in covered}),
@@ -99,17 +94,6 @@ class Job:
         if given is not None:
             return given
         return open_product(product_path(self.output, name.removesuffix(".nc")))
-
-
-def months_text(months: Mapping[str, Sequence[str]]) -> str:
-    """Months that a run made and kept, as one line."""
-
-    def listed(names: Sequence[str]) -> str:
-        if len(names) < 5:
-            return ", ".join(names)
-        return f"{len(names)}, {names[0]} to {names[-1]}"
-
-    return "; ".join(f"months {what}: {listed(names)}" for what, names in months.items() if names)
 
 
 def require_kept(headings: xr.Dataset) -> None:

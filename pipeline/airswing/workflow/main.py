@@ -24,7 +24,7 @@ from airswing.flags import STATUS
 from airswing.products.whole_files import workspace
 from airswing.report.html import Units, per_kt
 from airswing.units import NORMAL_95
-from airswing.workflow.job import Job, months_text
+from airswing.workflow.job import Job
 from airswing.workflow.months import make_headings
 from airswing.workflow.stages import make_corrected, make_evaluation, make_fits
 
@@ -126,10 +126,10 @@ def run(
     >>> results.fits["status"].dims
     ('reference', 'aircraft')
     """
-    from airswing.workflow.compute import scheduler as on_scheduler
+    from airswing.workflow import compute
 
     job = Job.of(config, output=output, fresh=fresh, quiet=quiet, scheduler=scheduler)
-    with on_scheduler(job.config.compute, job.progress):
+    with compute.scheduler(job.config.compute, job.progress):
         return run_job(job)
 
 
@@ -161,7 +161,7 @@ def make_page(
     summary: Summary,
     evaluation: Evaluation,
     apart: BeforeAfter,
-) -> Path:
+) -> None:
     """The page of the results: ``report/index.html``."""
     from airswing.report.run.page import write_page
 
@@ -177,7 +177,6 @@ def make_page(
             units=job.config.units,
         )
         stage.note = str(page)
-    return page
 
 
 def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAfter) -> Summary:
@@ -189,21 +188,15 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
     from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
     from airswing.report.run.selection import kept_reports, screening_warnings
 
+    names = ["offset", "amplitude", "phase"]
+    names += [f"{name}_standard_error" for name in names]
+    status = {code: name for name, code in STATUS.items()}
     chosen = fits.sel(reference=job.reference)
-    names = {code: name for name, code in STATUS.items()}
-    status = [names[int(code)] for code in chosen["status"].to_numpy()]
-    columns: dict[str, Any] = {
-        "aircraft": chosen["aircraft"].to_numpy().astype(str),
-        "status": np.array(status),
-        **{
-            f"{name}{ending}": chosen[f"{name}{ending}"].to_numpy()
-            for ending in ("", "_standard_error")
-            for name in ("offset", "amplitude", "phase")
-        },
-        "reports": chosen["report_count"].to_numpy(),
-        "before_kt": apart.before,
-        "after_kt": apart.after,
-    }
+    table = chosen[["status", *names, "report_count"]].to_dataframe().reset_index()
+    table = table[["aircraft", "status", *names, "report_count"]]
+    table = table.rename(columns={"report_count": "reports"}).assign(
+        status=table["status"].map(status), before_kt=apart.before, after_kt=apart.after
+    )
     reading = tally(headings, "reading_audit")
     return {
         "reference": job.reference,
@@ -214,7 +207,7 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
         },
         "aircraft": headings.sizes["aircraft"],
         "months": json.loads(headings.attrs.get("months", "{}")),
-        "status": {name: status.count(name) for name in STATUS},
+        "status": {name: int((table["status"] == name).sum()) for name in STATUS},
         "disagreement_kt": {"before": apart.total.before, "after": apart.total.after},
         "warnings": [
             *plausibility_warnings(fits),
@@ -224,9 +217,7 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
             *heading_kind_warnings(fits, job.reference),
             *change_warnings(fits),
         ],
-        "fits": [
-            {name: values[i].item() for name, values in columns.items()} for i in range(len(status))
-        ],
+        "fits": table.to_dict("records"),
     }
 
 
@@ -244,20 +235,23 @@ def summary_text(summary: Summary, output: Path, *, units: Units = "kt") -> str:
     ]
     for fit in summary["fits"]:
         wide = [NORMAL_95 * fit[f"{name}_standard_error"] for name in ("amplitude", "offset")]
-        amplitude = _digits("{:6.2f} +- {:4.2f}", fit["amplitude"], wide[0])
-        offset = _digits("{:8.2f} +- {:4.2f}", fit["offset"], wide[1])
-        winds = _digits(
-            "{:7.2f} -> {:5.2f}", *(factor * fit[f"{w}_kt"] for w in ("before", "after"))
-        )
+        winds = (factor * fit[f"{when}_kt"] for when in ("before", "after"))
         lines.append(
-            f"{fit['aircraft']:<10} {amplitude} {_digits('{:8.1f}', fit['phase'])} "
-            f"{offset} {fit['reports']:9,}   {winds}         {fit['status']}"
+            f"{fit['aircraft']:<10} {_digits('{:6.2f} +- {:4.2f}', fit['amplitude'], wide[0])} "
+            f"{_digits('{:8.1f}', fit['phase'])} "
+            f"{_digits('{:8.2f} +- {:4.2f}', fit['offset'], wide[1])} {fit['reports']:9,}   "
+            f"{_digits('{:7.2f} -> {:5.2f}', *winds)}         {fit['status']}"
         )
     lines.append("* degrees, with 95 % intervals")
-    lines += ["", *summary.get("warnings", [])] if summary.get("warnings") else []
-    lines += ["", summary["watched"]] if summary.get("watched") else []
-    months = summary.get("months")
-    lines += ["", months_text(months)] if months else []
+    months = "; ".join(
+        f"months {what}: "
+        + (", ".join(names) if len(names) < 5 else f"{len(names)}, {names[0]} to {names[-1]}")
+        for what, names in summary.get("months", {}).items()
+        if names
+    )
+    for part in (summary.get("warnings"), summary.get("watched"), months):
+        if part:
+            lines += ["", *([part] if isinstance(part, str) else part)]
     lines += [
         "",
         f"mean wind vector disagreement of the corrected reports: {before:.2f} {units} before, "

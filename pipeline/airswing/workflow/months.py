@@ -13,10 +13,9 @@ by month. New model files cause a month to be remade, removed ones do not.
 from __future__ import annotations
 
 import json
-import os
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,14 +27,8 @@ from airswing.compass.screening import audit as screening_counts
 from airswing.compass.screening import mark_corrected_units, screen
 from airswing.errors import InputError
 from airswing.products.netcdf import as_stored, open_product, read_product
-from airswing.products.ragged import BLOCK_REPORTS, FLIGHTS, month_bounds
-from airswing.products.whole_files import (
-    code_digest,
-    file_identities,
-    fingerprint,
-    read_note,
-    write_json,
-)
+from airswing.products.ragged import BLOCK_REPORTS, FLIGHTS
+from airswing.products.whole_files import code_digest, fingerprint, read_note, write_json
 from airswing.reference.catalogue import Catalogue, build_catalogue, is_lost_file
 from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate, overlap, require_overlap
 from airswing.reference.fleet_wind import fleet_wind
@@ -45,15 +38,10 @@ from airswing.reports.audit import similar
 from airswing.reports.read import none_read, none_usable
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
 
-MARGIN = np.timedelta64(48, "h")
+MARGIN = np.timedelta64(2, "D")
 """Time around a month in which its flights may have reports."""
 _CHECKED_FIRST = 100_000
 """Reports whose times and places are compared with the models before anything is decoded."""
-
-Identity = tuple[str, int, int]
-"""Path, size and time of change of a file."""
-Days = dict[int, tuple[int, int]]
-"""Reports and hash of their rows, by day since 1970."""
 
 
 def make_headings(job: Job) -> xr.Dataset:
@@ -84,7 +72,7 @@ def make_headings(job: Job) -> xr.Dataset:
         "collocation": fingerprint(asked, code_digest()),
         "screening": fingerprint(screening),
     }
-    months = [_Month(job, name, archive, models, settings) for name in archive.months()]
+    months = [_Month(job, name, archive, models, settings) for name in archive.months]
     if models and not any(month.before.get("product") for month in months):
         # refuse reports and models without overlap before hours of reading
         for most in (_CHECKED_FIRST, archive.count):
@@ -103,7 +91,6 @@ def make_headings(job: Job) -> xr.Dataset:
         if path.stem not in there:  # all its reports were withdrawn
             for name in (HEADINGS, CORRECTED):
                 (job.output / name / path.name).unlink(missing_ok=True)
-    archive.keep_notes()
     if lost := sum(month.lost for month in months):
         job.progress.say(
             f"  model files that vanished or changed before they were read: {lost:,}; their "
@@ -120,132 +107,97 @@ def make_headings(job: Job) -> xr.Dataset:
 class ReportArchive:
     """The report files of a configuration, cleaned, and the days that each has reports of.
 
-    Files recorded by an earlier run are read only if their reports are needed.
+    Files recorded by an earlier run are read only if their reports are needed. ``days`` has, by
+    ``file`` and ``day`` since 1970, the number of reports (``count``) and the sum of the hashes of
+    their rows (``mark``, modulo 2^64), which is independent of their order.
     """
 
     def __init__(self, job: Job) -> None:
         self._asked = job.config.reports
-        self._note = job.notes / "reports.json"
-        self._key = fingerprint(self._asked.model_dump(exclude={"files"}), code_digest())
-        self._frames: dict[Identity, pd.DataFrame] = {}
-        self.files: dict[Identity, Days] = {}
-        self._audits: dict[Identity, Audit] = {}
+        self._frames: dict[str, pd.DataFrame] = {}
         self.audit, self.bytes_read = Audit(), 0
-        noted, errors, paths = self._noted(), [], expand(self._asked.files)
+        self.files: dict[str, dict[str, Any]] = {}  # record of each, also for the next run
+        key = fingerprint(self._asked.model_dump(exclude={"files"}), code_digest())
+        note = read_note(job.notes / "reports.json")
+        noted = note["files"] if note.get("key") == key else {}
+        errors, paths = [], expand(self._asked.files)
         for path in paths:
-            status = path.stat() if path.exists() else path.lstat()
-            identity = (str(path), status.st_size, status.st_mtime_ns)
+            status, name = path.stat() if path.exists() else path.lstat(), str(path)
+            identity = [status.st_size, status.st_mtime_ns]
             try:
-                if identity in noted:
-                    self.files[identity], self._audits[identity] = noted[identity]
+                if noted.get(name, {}).get("identity") == identity:
+                    self.files[name] = noted[name]
                 else:
-                    self._read(identity)
+                    audit = self._read(name).as_dict()
+                    days = _days_of(self._frames[name])
+                    self.files[name] = {"identity": identity, "audit": audit, "days": days}
+                    self.bytes_read += status.st_size
             except InputError as error:
                 if self._asked.on_bad_file == "fail":
                     raise
                 errors.append(error)
-                self.audit.files_skipped.append({"file": str(path), "reason": str(error)})
+                self.audit.files_skipped.append({"file": name, "reason": str(error)})
         if len(errors) == len(paths):
             raise none_read(errors)
-        for part in self._audits.values():
-            self.audit.add(part)
+        for record in self.files.values():
+            self.audit.add(Audit.from_dict(record["audit"]))
         if not self.audit.kept:
             raise none_usable(self.audit)
-        self.keep_notes()
+        write_json(job.notes / "reports.json", {"key": key, "files": self.files})
+        rows = [(name, *row) for name, record in self.files.items() for row in record["days"]]
+        self.days = pd.DataFrame(rows, columns=["file", "day", "count", "mark"])
+        self.count = int(self.days["count"].sum())  # duplicates included
 
-    def _noted(self) -> dict[Identity, tuple[Days, Audit]]:
-        """Records of files from earlier runs; empty if they are invalid."""
-        content = read_note(self._note)
-        if content.get("key") != self._key:
-            return {}
-        try:
-            return {
-                (str(path), int(size), int(changed)): (
-                    {int(day): (int(n), int(mark)) for day, (n, mark) in days.items()},
-                    Audit.from_dict(audit),
-                )
-                for (path, size, changed), days, audit in content["files"]
-            }
-        except (KeyError, TypeError, AttributeError, ValueError):  # damaged: all is read again
-            return {}
+    def _read(self, name: str) -> Audit:
+        options: Any = {"format": self._asked.format, "columns": self._asked.mapping}
+        self._frames[name], audit = read_file(name, **options)
+        return audit
 
-    def keep_notes(self) -> None:
-        """Record the days of every file for the next run."""
-        files = [
-            (identity, days, self._audits[identity].as_dict())
-            for identity, days in self.files.items()
-        ]
-        write_json(self._note, {"key": self._key, "files": files})
-
-    def _read(self, identity: Identity) -> pd.DataFrame:
-        frame, audit = read_file(
-            identity[0], format=self._asked.format, columns=self._asked.mapping
-        )
-        self.bytes_read += identity[1]
-        self.files[identity], self._audits[identity] = _days_of(frame), audit
-        self._frames[identity] = frame
-        return frame
+    def _frame(self, name: str) -> pd.DataFrame:
+        if name not in self._frames:
+            self._read(name)
+        return self._frames[name]
 
     @property
-    def count(self) -> int:
-        """Cleaned reports of all files, duplicates included."""
-        return sum(count for days in self.files.values() for count, _ in days.values())
-
     def months(self) -> list[str]:
         """Months with reports, as ``2008-07``, in order of time."""
-        days = sorted({day for days in self.files.values() for day in days})
-        return [str(month) for month in np.unique(np.array(days, "M8[D]").astype("M8[M]"))]
+        days = self.days["day"].to_numpy().astype("M8[D]")
+        return [str(month) for month in np.unique(days.astype("M8[M]"))]
 
-    def _days_around(self, month: str) -> tuple[int, int]:
-        start, stop = month_bounds(month)
-        window = np.array([start - MARGIN, stop + MARGIN]).astype("M8[D]").astype(np.int64)
-        return int(window[0]), int(window[1])
+    def _near(self, month: str) -> pd.DataFrame:
+        start, stop = (bound.astype("M8[D]") for bound in _month_bounds(month))
+        first, last = (start - MARGIN).astype(int), (stop + MARGIN).astype(int) - 1
+        return self.days[self.days["day"].between(first, last)]
 
-    def mark(self, month: str) -> list[tuple[int, int, int]]:
+    def mark(self, month: str) -> list[list[int]]:
         """Day, reports and hash of their rows for the days around a month."""
-        first, stop = self._days_around(month)
-        counts, marks = Counter[int](), Counter[int]()
-        for days in self.files.values():
-            for day, (count, mark) in days.items():
-                counts[day] += count
-                marks[day] += mark
-        inside = (day for day in sorted(counts) if first <= day < stop)
-        return [(day, counts[day], marks[day] % 2**64) for day in inside]
+        by_day = self._near(month).groupby("day")[["count", "mark"]].sum()
+        rows: list[list[int]] = by_day.reset_index().to_numpy().tolist()
+        return rows
 
     def around(self, month: str) -> list[pd.DataFrame]:
         """Cleaned reports of the days around a month, one table a file."""
-        first, stop = self._days_around(month)
-        bounds = [np.datetime64(day, "D").astype("M8[ns]") for day in (first, stop)]
+        start, stop = _month_bounds(month)
         found = []
-        for identity, days in list(self.files.items()):
-            if not any(first <= day < stop for day in days):
-                continue
-            frame = self._frames.get(identity)
-            if frame is None:
-                frame = self._read(identity)
-            time = frame["time"].to_numpy()
-            inside = (time >= bounds[0]) & (time < bounds[1])
-            found.append(frame if inside.all() else frame.loc[inside])
+        for name in self._near(month)["file"].unique():
+            frame = self._frame(name)
+            inside = frame["time"].between(start - MARGIN, stop + MARGIN, inclusive="left")
+            found.append(frame if inside.all() else frame[inside])
         return found
 
     def release(self, month: str) -> None:
         """Drop the reports of files that no later month needs."""
-        first, _ = self._days_around(str(np.datetime64(month, "M") + 1))
-        for identity in list(self._frames):
-            if max(self.files[identity], default=first) < first:
-                del self._frames[identity]
+        _, stop = _month_bounds(month)
+        later = self.days["day"] >= (stop - MARGIN).astype("M8[D]").astype(int)
+        for name in set(self._frames).difference(self.days["file"][later]):
+            del self._frames[name]
 
     def places(self, most: int) -> xr.Dataset:
         """Times and places of at most ``most`` reports, evenly selected from all files."""
-        for identity in list(self.files):
-            if identity not in self._frames:
-                self._read(identity)
-        frames, step = list(self._frames.values()), max(1, self.count // most)
-        every = {
-            name: np.concatenate([frame[name].to_numpy()[::step] for frame in frames])
-            for name in ("time", "latitude", "longitude", "pressure")
-        }
-        return xr.Dataset({name: ("report", values) for name, values in every.items()})
+        step = max(1, self.count // most)
+        columns = ["time", "latitude", "longitude", "pressure"]
+        every = pd.concat([self._frame(name)[columns][::step] for name in self.files])
+        return xr.Dataset({name: ("report", every[name].to_numpy()) for name in columns})
 
     def audit_of(self, headings: xr.Dataset) -> Audit:
         """Counts of the reading of all files, and of the assembly of the months."""
@@ -257,15 +209,20 @@ class ReportArchive:
         return found
 
 
-def _days_of(frame: pd.DataFrame) -> Days:
-    """Reports and hash of their rows by day, independent of the rows' order and file."""
+def _days_of(frame: pd.DataFrame) -> list[list[int]]:
+    """Day, number of reports and hash of their rows, for each day of a table."""
     day = frame["time"].to_numpy().astype("M8[D]").astype(np.int64)
-    marks = pd.util.hash_pandas_object(frame, index=False).to_numpy()
-    known, number = np.unique(day, return_inverse=True)
-    total = np.zeros(known.size, dtype=np.uint64)
-    np.add.at(total, number, marks)  # modulo 2^64
-    both = zip(np.bincount(number, minlength=known.size).tolist(), total.tolist(), strict=True)
-    return dict(zip(known.tolist(), both, strict=True))
+    marks = pd.util.hash_pandas_object(frame, index=False).astype(np.int64)
+    rows: list[list[int]] = (
+        marks.groupby(day).agg(["size", "sum"]).reset_index().to_numpy().tolist()
+    )
+    return rows
+
+
+def _month_bounds(month: str) -> tuple[np.datetime64, np.datetime64]:
+    """Begin of a month such as ``2008-07`` and of the next one, datetime64[ns]."""
+    begin = np.datetime64(month, "M")
+    return begin.astype("M8[ns]"), (begin + 1).astype("M8[ns]")
 
 
 def catalogues(job: Job) -> dict[str, Catalogue]:
@@ -304,13 +261,16 @@ def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) 
     first, last = (int(when.astype("M8[ns]").astype(np.int64)) for when in (start, stop))
     time = np.repeat(model.valid, np.diff(model.bounds))
     inside = (time >= first) & (time <= last)
-    numbers = np.unique(model.rows["file"][:2, inside])
-    return sorted(
-        "|".join(map(str, file_identities([file.path])[0]))  # for a Zarr store of all its files
-        if os.path.isdir(file.path)
-        else f"{file.path}|{file.size}|{file.mtime_ns}"
-        for file in (model.files[int(number)] for number in numbers)
-    )
+    found = []
+    for number in np.unique(model.rows["file"][:2, inside]):
+        path, size, changed, _ = model.files[int(number)]
+        if Path(path).is_dir():  # a Zarr store
+            entries = [entry.stat() for entry in Path(path).rglob("*") if entry.is_file()]
+            # with the number of files: chunks of the same size may be added and removed
+            size = sum(entry.st_size for entry in entries) + len(entries)
+            changed = max(entry.st_mtime_ns for entry in entries)
+        found.append(f"{path}|{size}|{changed}")
+    return sorted(found)
 
 
 class _Month:
@@ -325,15 +285,13 @@ class _Month:
         settings: dict[str, str],
     ) -> None:
         self.job, self.name, self.archive, self.models = job, name, archive, models
-        self.path, self._note_path = (
-            job.output / HEADINGS / f"{name}.nc",
-            job.notes / f"{name}.json",
-        )
+        self.path = job.output / HEADINGS / f"{name}.nc"
+        self._note_path = job.notes / f"{name}.json"
         self.lost = 0  # model files that vanished while they were to be read
         gap = np.timedelta64(round(job.config.collocation.max_time_gap), "s")
-        start, stop = month_bounds(name)
+        self.bounds = start, stop = _month_bounds(name)
         self.note: dict[str, Any] = {
-            "reports": [list(entry) for entry in archive.mark(name)],
+            "reports": archive.mark(name),
             "models": {
                 model: _files_between(catalogue, start - gap, stop + MARGIN + gap)
                 for model, catalogue in models.items()
@@ -341,35 +299,27 @@ class _Month:
             "settings": settings,
         }
         # record of an earlier run if only the screening differs; else empty
-        self.before = {} if job.fresh else read_note(self._note_path)
-        if not self._holds():
-            self.before = {}
+        before = {} if job.fresh else read_note(self._note_path)
+        self.before = before if self._holds(before) else {}
         self.kept = bool(self.before) and self.before["settings"] == settings
 
-    def _holds(self) -> bool:
-        before, now = self.before, self.note
-        try:
-            return (
-                before["reports"] == now["reports"]
-                and before["settings"]["collocation"] == now["settings"]["collocation"]
-                and isinstance(before["product"], str)
-                and all(
-                    set(files) <= set(before["models"].get(name, ()))
-                    for name, files in now["models"].items()
-                )
-                and (not before["product"] or self._readable(before["product"]))
-            )
-        except (KeyError, TypeError, AttributeError):  # absent, or not a note of this version
+    def _holds(self, before: dict[str, Any]) -> bool:
+        """Whether the headings of an earlier run have the same reports and model winds."""
+        now, settings = self.note, before.get("settings", {})
+        # differs also for a note of another version
+        if settings.get("collocation") != now["settings"]["collocation"]:
             return False
-
-    def _readable(self, uuid: str) -> bool:
-        if not self.path.exists():
+        new_files = (set(f) - set(before["models"].get(n, ())) for n, f in now["models"].items())
+        if before["reports"] != now["reports"] or any(new_files):
             return False
+        if not before["product"] or not self.path.exists():
+            return not before["product"]
         try:
             with open_product(self.path) as found:
-                return bool(found.attrs["uuid"] == uuid)
+                return bool(found.attrs["uuid"] == before["product"])
         except InputError:
-            self.job.progress.say(f"{self.path.name}: not a product that can be read, made again")
+            text = f"{self.path.name}: not a product that can be read, made again"
+            self.job.progress.say(text)
             return False
 
     def make(self) -> None:
@@ -388,25 +338,25 @@ class _Month:
 
     def _write(self, headings: xr.Dataset) -> str:
         """Screen and write the month; the identifier of the product."""
-        test, attrs, config = self.job.config.field_test, headings.attrs, self.job.config
+        config, attrs = self.job.config, headings.attrs
         with self.job.progress.stage(f"headings {self.name}") as stage:
             # threads only: reports and winds are in memory, which other processes do not share
             screened = screen(headings, **config.screening.model_dump())
             headings = screened.compute(scheduler="threads")
-            if test is not None:
+            if (test := config.field_test) is not None:
                 end = None if test.end is None else np.datetime64(test.end)
                 headings = mark_corrected_units(
                     headings, aircraft=test.corrected, start=np.datetime64(test.start), end=end
                 )
-            headings = headings.assign_attrs(
-                attrs,
-                kept_reports=int((headings["screening"] == 0).sum()),
-                screened_out=json.dumps(
-                    screening_counts(headings)["together_total"].to_series().to_dict()
-                ),
-            )
+            counts = screening_counts(headings)["together_total"].to_series()
+            kept = int((headings["screening"] == 0).sum())
+            headings.attrs = {
+                **attrs,
+                "kept_reports": kept,
+                "screened_out": json.dumps(counts.to_dict()),
+            }
             stage.reports = headings.sizes["report"]
-            stage.note = f"{headings.attrs['kept_reports']:,} of {stage.reports:,} reports kept"
+            stage.note = f"{kept:,} of {stage.reports:,} reports kept"
             self._note_path.unlink(missing_ok=True)
             title = "Heading errors of aircraft reports against model winds"
             self.job.write(headings, f"{HEADINGS}/{self.name}.nc", title=title)
@@ -415,9 +365,9 @@ class _Month:
 
     def _collocated(self) -> xr.Dataset | None:
         """Reports of the month with model winds and headings; None without any."""
-        parts, audit, bounds = self.archive.around(self.name), Audit(), month_bounds(self.name)
+        parts, audit = self.archive.around(self.name), Audit()
         interval = self.job.config.reports.interval
-        reports = assemble(parts, interval=interval, begins=bounds, audit=audit)
+        reports = assemble(parts, interval=interval, begins=self.bounds, audit=audit)
         if not reports.sizes["report"]:
             return None
         audit.read = reports.sizes["report"] + sum(audit.dropped.values())
@@ -437,6 +387,7 @@ class _Month:
         return headings
 
     def _winds(self, reports: xr.Dataset) -> tuple[xr.Dataset, dict[str, Any]]:
+        """Model winds at reports, and by reference their overlap and what could not be read."""
         asked = self.job.config.collocation
         models = {
             name: self.models[name]

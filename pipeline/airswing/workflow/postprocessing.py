@@ -21,7 +21,7 @@ from airswing.handover.forecasts.correcting import (
 from airswing.handover.forecasts.forecast_pairs import flight_level_pairs, pairs_from_tables
 from airswing.handover.forecasts.stations import pairs_at_stations
 from airswing.products.netcdf import open_product, product_path, read_product, write_product
-from airswing.products.whole_files import require_writable, workspace
+from airswing.products.whole_files import workspace
 from airswing.report.forecast_page import NAMES, forecast_headline, write_forecast_page
 from airswing.reports import expand
 from airswing.workflow.job import CORRECTED, HEADINGS
@@ -53,7 +53,6 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     section, folder, whole = load_postprocess(config, output=output)
     progress = Progress(quiet=quiet)
     with workspace(folder):
-        require_writable(folder)
         with progress.stage("pairs") as stage:
             if section.pairs is not None:
                 given = section.pairs

@@ -91,16 +91,15 @@ class Progress:
         """
         seconds = sum(record.seconds for record in self.records)
         decoding = sum(record.decoding for record in self.records)
-        hidden = ("phase", "_began")
+        stages = [asdict(record) for record in self.records]
+        for stage in stages:
+            del stage["phase"], stage["_began"]
         return {
             "seconds": seconds,
             "threads": self.threads,
             "decoding_seconds": decoding,
             "decoding_share": decoding / (seconds * self.threads) if seconds else 0.0,
-            "stages": [
-                {key: value for key, value in asdict(record).items() if key not in hidden}
-                for record in self.records
-            ],
+            "stages": stages,
         }
 
     def accounts_text(self) -> str:
@@ -109,11 +108,11 @@ class Progress:
         lines = ["stage              time (s)  share   MB read  messages     reports"]
         for record in self.records:
             read = f"{record.bytes_read / 1e6:,.1f}" if record.bytes_read else ""
-            counts = [f"{count:,}" if count else "" for count in (record.messages, record.reports)]
-            share = record.seconds / found["seconds"] if found["seconds"] else 0.0
+            messages, reports = (f"{n:,}" if n else "" for n in (record.messages, record.reports))
+            share = record.seconds / (found["seconds"] or 1.0)
             lines.append(
                 f"{record.name:<18} {record.seconds:8.1f} {share:6.1%} "
-                f"{read:>9} {counts[0]:>9} {counts[1]:>11}"
+                f"{read:>9} {messages:>9} {reports:>11}"
             )
         lines.append(
             f"{'together':<18} {found['seconds']:8.1f}         decoding "

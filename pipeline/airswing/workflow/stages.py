@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import date
+from functools import partial
 from itertools import chain
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -56,8 +56,8 @@ from airswing.flags import published
 from airswing.products.netcdf import open_product, product_path
 from airswing.products.ragged import aircraft_of_report, some_reports, time_span
 from airswing.products.whole_files import (
+    Findings,
     code_digest,
-    findings,
     fingerprint,
     read_note,
     write_json,
@@ -67,7 +67,6 @@ from airswing.vocabulary import describe
 from airswing.workflow.job import CORRECTED, FITS, HEADINGS, PROFILES, Job, require_kept
 from airswing.workflow.months import catalogues
 
-Found = TypeVar("Found")
 _LEARNED_SHARE = 2.0 / 3.0
 """Share of the days that corrections are fitted to, without a field test."""
 _MOST_DAYS_BY_MONTH = 400
@@ -168,16 +167,14 @@ def make_innovations(
     job: Job, headings: xr.Dataset, corrected: xr.Dataset
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """``error_profiles.nc`` and ``innovation_statistics.nc``."""
-    titles = (
-        (PROFILES, "Wind error by phase of flight and level, as reported and as corrected"),
-        (
-            "innovation_statistics.nc",
-            "Statistics of observation minus reference by aircraft, phase and level",
-        ),
-    )
+    titles = {
+        PROFILES: "Wind error by phase of flight and level, as reported and as corrected",
+        "innovation_statistics.nc": "Statistics of observation minus reference by aircraft, phase "
+        "and level",
+    }
     with job.progress.stage("innovations"):
         found = innovation_products(headings, corrected, pools=job.pools)
-        for product, (name, title) in zip(found, titles, strict=True):
+        for product, (name, title) in zip(found, titles.items(), strict=True):
             job.write(product, name, title=title, sources=(headings, corrected))
     return found
 
@@ -200,22 +197,23 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
     """
     with job.progress.stage("stability") as stage:
         first, last = (day.astype("datetime64[D]") for day in time_span(headings))
-        days = (last - first).astype(int)
-        window: Literal["month", "quarter"] = "month" if days <= _MOST_DAYS_BY_MONTH else "quarter"
+        by_month = (last - first).astype(int) <= _MOST_DAYS_BY_MONTH
+        window: Literal["month", "quarter"] = "month" if by_month else "quarter"
         note, made = _months_note(job, headings)
         path, noted = job.output / "stability.json", job.notes / "stability.json"
+        # begin of the window of the first month made
+        remade = np.datetime64(min(made, default=str(last + 1)), "M").astype(np.int64)
+        begin = np.datetime64(int(remade - remade % (1 if by_month else 3)), "M")
         earlier: list[Content] = []
-        if not job.fresh and path.exists() and read_note(noted).get("settings") == note["settings"]:
+        if not job.fresh and read_note(noted).get("settings") == note["settings"]:
             last_time = read_note(path)
-            earlier = last_time["windows"] if last_time["window"] == window else []
-        since = np.datetime64(min(made, default=str(last + 1)), "M").astype(np.int64)
-        since -= since % (1 if window == "month" else 3)
-        begin = np.datetime64(int(since), "M").astype("datetime64[D]")
-        earlier = [entry for entry in earlier if np.datetime64(entry["window"]) < begin]
+            if last_time.get("window") == window:
+                windows = last_time["windows"]
+                earlier = [one for one in windows if np.datetime64(one["window"]) < begin]
         windows = fit_by_window(
             headings,
             window=window,
-            since=begin if earlier else None,
+            since=begin.astype("datetime64[D]") if earlier else None,
             **job.against,
             **job.config.fit.model_dump(),
         )
@@ -310,37 +308,32 @@ def make_virtual(
         until, names = test.start, headings["aircraft"].to_numpy().astype(str).tolist()
         uncorrected = [name for name in names if name not in test.corrected]
     with job.progress.stage("virtual field test") as stage:
-        result: Content = {
-            "later": _tried(
-                lambda: virtual_field_test(
-                    headings,
-                    learned_until=until,
-                    corrected=uncorrected,
-                    resolution=math.degrees(config.table.resolution),
-                    **job.against,
-                    **config.fit.model_dump(),
+        later = partial(
+            virtual_field_test,
+            headings,
+            learned_until=until,
+            corrected=uncorrected,
+            resolution=math.degrees(config.table.resolution),
+            **job.against,
+            **config.fit.model_dump(),
+        )
+        held_out = partial(cross_validate, headings, fits, ranking=ranking, **job.against)
+        result: Content = {}
+        gains = []
+        for name, test_of in (("later", later), ("held_out", held_out)):
+            try:
+                part = result[name] = test_of()
+            except InputError as err:
+                result[name] = {"why": str(err)}
+                continue
+            if part["realised_gain_kt"] is not None:
+                gains.append(
+                    f"{name.replace('_', ' ')} {part['predicted_gain_kt']:.2f} kt predicted, "
+                    f"{part['realised_gain_kt']:.2f} realised"
                 )
-            ),
-            "held_out": _tried(
-                lambda: cross_validate(headings, fits, ranking=ranking, **job.against)
-            ),
-        }
         write_json(job.output / "virtual_field_test.json", result)
-        gains = [
-            f"{name.replace('_', ' ')} {part['predicted_gain_kt']:.2f} kt predicted, "
-            f"{part['realised_gain_kt']:.2f} realised"
-            for name, part in result.items()
-            if "why" not in part and part["realised_gain_kt"] is not None
-        ]
         stage.note = "; ".join(gains) or "too few reports"
     return result
-
-
-def _tried(make: Callable[[], Found]) -> Found | Content:
-    try:
-        return make()
-    except InputError as err:
-        return {"why": str(err)}
 
 
 def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
@@ -365,8 +358,7 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
         found = field_test(screened, **job.against, **test.model_dump())
         options = {**job.against, **config.fit.model_dump(), "corrected": test.corrected}
         expected = predicted_reduction(screened, start=test.start, **options)
-        content: Content = {**found, **expected}
-        result = findings(content)
+        result = Findings(found | expected)
         write_json(job.output / "field_test.json", result)
         low, high = result["adjusted_reduction_ci_kt"]
         stage.note = (
@@ -432,9 +424,6 @@ def make_monitoring(
 
     path, in_use = job.output / "events.json", job.config.monitoring.tables_in_use
     with job.progress.stage("monitoring") as stage:
-        tables = None
-        if in_use is not None:
-            tables = read_tables(in_use, reference=job.reference)
         screened, fitted = job.ready(headings, HEADINGS), job.ready(fits, FITS)
         if corrected is None and product_path(job.output, CORRECTED).exists():
             corrected = job.ready(None, CORRECTED)
@@ -445,11 +434,12 @@ def make_monitoring(
             previous=read_events(path) if path.exists() else None,
             reference=job.reference,
             members=job.pools[job.reference],
-            tables_in_use=tables,
+            tables_in_use=in_use
+            if in_use is None
+            else read_tables(in_use, reference=job.reference),
             compass=job.shared.get("compass_watch"),
         )
-        since = _tables_since(job, screened, changed_since(found))
-        found = with_tables(found, since)
+        found = with_tables(found, _tables_since(job, screened, changed_since(found)))
         number = len(found.new_events)
         found = replace(found, unsaid=number)
         write_events(found, path)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.physics.atmosphere import pressure_from_altitude
+from airswing.physics.triangle import direction_in_degrees
 from airswing.products.whole_files import atomic
 from airswing.reference.catalogue import Catalogue, build_catalogue
 from airswing.reference.collocate import collocate
@@ -87,8 +88,8 @@ def append_winds(
         speed = np.hypot(u, v)
         found[f"{name}_eastward_wind_m_s"] = u
         found[f"{name}_northward_wind_m_s"] = v
-        direction = np.degrees(np.arctan2(-u, -v)) % 360.0
-        found[f"{name}_wind_direction_deg"] = np.where(speed > 0.0, direction, np.nan)
+        direction = np.where(speed > 0.0, direction_in_degrees(u, v), np.nan)
+        found[f"{name}_wind_direction_deg"] = direction
         found[f"{name}_wind_speed_kt"] = speed / KNOT
         found[f"{name}_lead_time_h"] = at_model["lead_time"].to_numpy()
     return found

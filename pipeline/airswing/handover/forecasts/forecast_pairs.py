@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.evaluation.disagreement import parts_of
 from airswing.evaluation.innovations import LEVEL_EDGES_HPA, profile_cells
-from airswing.handover.forecasts.correcting import DIMS, TIME
+from airswing.handover.forecasts.correcting import TIME
 from airswing.handover.selection import APPLIED
 from airswing.physics.triangle import wrap_degrees
 from airswing.reports.values import parse_times
@@ -226,8 +226,7 @@ def _starts_and_leads(raw: pd.DataFrame, file: Path) -> tuple[Times, Floats]:
     valid = times(column(raw, VALID, file=file))
     if start is not None:
         begun = times(start)
-        hours = (valid - begun) / np.timedelta64(1, "h")
-        return begun, np.where(np.isnat(valid) | np.isnat(begun), np.nan, hours)
+        return begun, (valid - begun) / np.timedelta64(1, "h")  # NaN where a time is missing
     ahead = numbers(column(raw, LEAD, file=file), raw.index)
     steps = np.nan_to_num(ahead * 3.6e12).astype("timedelta64[ns]")
     return np.where(np.isfinite(ahead), valid - steps, np.datetime64("NaT")), ahead
@@ -241,23 +240,10 @@ def _cf_units(text: str) -> str:
 
 def on_axes(table: pd.DataFrame) -> xr.Dataset:
     """Put a table of `DIMS`, units, forecast, observation and places on the axes of `DIMS`."""
-    codes, axes = zip(*(pd.factorize(table[key], sort=True) for key in _KEYS), strict=True)
-    shape = tuple(len(axis) for axis in axes)
-    flat = np.ravel_multi_index(codes, shape)
-    values = {}
-    for name in _VALUES:
-        filled = np.full(int(np.prod(shape)), np.nan)
-        filled[flat] = table[name].to_numpy(dtype=np.float64)
-        values[name] = (DIMS, filled.reshape(shape))
-    names, stations, starts, leads = axes
-    found = xr.Dataset(
-        values,
-        coords={
-            "variable": [str(name) for name in names],
-            "station": [str(name) for name in stations],
-            TIME: pd.DatetimeIndex(starts).to_numpy(dtype="datetime64[ns]"),
-            "lead": np.asarray(leads),
-        },
+    found = table.set_index(_KEYS)[[*_VALUES]].astype(np.float64).to_xarray()
+    found = found.assign_coords(
+        {name: found[name].astype(str) for name in ("variable", "station")}
+        | {TIME: found[TIME].astype("M8[ns]")}
     )
     first = table.groupby("variable", sort=True)["units"].first().fillna("").astype(str)
     found["variable_units"] = ("variable", np.array(first.to_list()))
@@ -269,12 +255,7 @@ def on_axes(table: pd.DataFrame) -> xr.Dataset:
 
 
 def flight_level_pairs(
-    headings: xr.Dataset,
-    corrected: xr.Dataset,
-    members: list[str],
-    *,
-    region: float,
-    fewest: int,
+    headings: xr.Dataset, corrected: xr.Dataset, members: list[str], *, region: float, fewest: int
 ) -> xr.Dataset:
     """Pair the model's winds (mean of the members) with corrected winds, by box, layer and day.
 
@@ -314,16 +295,9 @@ def flight_level_pairs(
         f"{p:04.0f}_hPa_{abs(y):.4g}{'S' if y < 0 else 'N'}_{abs(x):.4g}{'W' if x < 0 else 'E'}"
         for p, y, x in zip(middle, latitude, longitude, strict=True)
     ]
-    lines = pd.DataFrame(
-        {
-            "station": names,
-            TIME: means[TIME],
-            "lead": LEAD_HOURS,
-            "units": "m s-1",
-            "latitude": latitude,
-            "longitude": longitude,
-            "altitude": middle * 100.0,
-        }
+    lines = pd.DataFrame({"station": names, TIME: means[TIME], "latitude": latitude})
+    lines = lines.assign(
+        lead=LEAD_HOURS, units="m s-1", longitude=longitude, altitude=middle * 100.0
     )
     components = [
         lines.assign(variable=name, **{part: means[part, name] for part in _VALUES})

@@ -246,11 +246,7 @@ def _fields_of(
 
 
 def _at_stations(
-    message: bytes,
-    edition: int,
-    sections: Mapping[int, bytes],
-    latitude: Floats,
-    longitude: Floats,
+    message: bytes, edition: int, sections: Mapping[int, bytes], latitude: Floats, longitude: Floats
 ) -> _Field | None:
     """One field at the stations; None where it is another variable."""
     if edition == 1:
