@@ -182,6 +182,31 @@ def test_effect_outside_the_catalogue_is_located_and_closed():
     assert active.tails == (frame.tails[3],)
 
 
+@pytest.mark.parametrize(
+    ("name", "day", "values", "variables"),
+    [
+        ("tas_offset", None, {"offset_m_s": 1.5}, ["magnetic_heading"]),
+        ("compass_step", 9, {"offset_deg": 0.8}, ["date"]),
+    ],
+)
+def test_a_simple_error_outside_the_catalogue_is_not_named_by_a_richer_effect(
+    name, day, values, variables
+):
+    """A scale or a drift explains nearly as much as a constant, which is the simpler table."""
+    frame = archive(effect(name, [2, 4], day, **values), seed=6, days=16)
+    catalogue = {n: one for n, one in CATALOGUE.items() if n != name}
+    report = diagnose(frame, catalogue=catalogue).report
+    assert report.effects == []
+    (place,) = report.unknown.where
+    assert place.component == ("heading_angle" if day else "along_heading")
+    assert place.variables == variables
+    assert place.tails == [frame.tails[2], frame.tails[4]]
+    size = 0.8 if day else -1.5
+    assert place.curve.values == pytest.approx([size] * len(place.curve.values), rel=0.1)
+    periods = {one.period and one.period[0] for one in active_effects(report)}
+    assert (periods == {None}) == (day is None)
+
+
 def test_exchanged_identifiers_are_found_and_given_back():
     effects = (
         effect("hard_iron", [0], amplitude_deg=4.0, phase_deg=0.0),

@@ -207,7 +207,7 @@ def aliases(fitted: Fitted) -> list[AliasEntry]:
         columns = whitened(term.group)
         total = max(float((columns * columns).sum()), 1e-12)
         for group in sums.candidates.groups:
-            if group.kind != "name" or group.name == term.group.name:
+            if not group.named or group.dated or group.name == term.group.name:
                 continue
             other = whitened(group)
             rows = [sums.rows_of(a) for a in term.tails]

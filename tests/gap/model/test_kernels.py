@@ -12,6 +12,7 @@ from airswing.gap.model.candidates import Group
 from airswing.gap.model.closure import day_interval
 from airswing.gap.model.evidence import common_variance, static_evidence
 from airswing.gap.model.localisation import score_test
+from airswing.gap.model.sums import field_variance
 from airswing.gap.model.terms import Statistics, Term, noise_factor, number_prior
 from airswing.gap.result.schema import CurveEntry
 from airswing.gap.result.statement import claims_of, shape_in_words
@@ -82,6 +83,21 @@ def test_what_the_day_fields_absorb_is_given_back():
     np.testing.assert_allclose(given_back, 3.0 / 3200.0)
     restored = absorbed.score + absorbed.information @ (given_back @ absorbed.score.sum(0))
     np.testing.assert_allclose(restored, whole.score)
+
+
+@pytest.mark.parametrize(
+    ("change", "low", "high"), [(0.0, 0.2, 0.3), (3.0, 0.2, 0.3), (0.5, 0.2, 0.4)]
+)
+def test_a_change_of_the_mean_on_a_day_is_no_variance_of_the_days(change, low, high):
+    rng = np.random.default_rng(5)
+    variances = []
+    for _ in range(40):
+        fields = rng.normal(0.0, 0.5, (24, 2))
+        fields[17:] += change
+        gram = np.tile(50.0 * np.eye(2), (24, 1, 1))
+        score = 50.0 * fields + np.sqrt(50.0) * rng.normal(size=(24, 2))
+        variances.append(field_variance(gram, score))
+    assert low < np.mean(variances) < high
 
 
 def test_the_interval_over_days_covers():

@@ -24,8 +24,8 @@ from airswing.gap.distribution.entries import LEAST_LEFT, mean_reduction, place_
 from airswing.gap.model.candidates import Curve, curve_of
 from airswing.gap.model.evidence import Found, static_evidence
 from airswing.gap.model.passes import Fitted
-from airswing.gap.model.sums import days_of
-from airswing.gap.model.terms import GATE, Statistics, noise_factor
+from airswing.gap.model.sums import GATE, days_of
+from airswing.gap.model.terms import Statistics, noise_factor
 from airswing.gap.noise import NoiseFit, interpolation_errors, whitening_gains
 from airswing.gap.result.schema import CurveEntry, PlaceEntry
 from airswing.gap.simulation.forward import Coding, draw_noise

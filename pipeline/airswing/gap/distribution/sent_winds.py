@@ -20,8 +20,7 @@ from airswing.gap.archive.lattices import direction_lattice
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.distribution.entries import closes, place_of
 from airswing.gap.effects.empirical import mapped_speed
-from airswing.gap.model.sums import days_of
-from airswing.gap.model.terms import GATE
+from airswing.gap.model.sums import GATE, days_of
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry, StepsEntry
 from airswing.gap.simulation.forward import Coding
 from airswing.units import KNOT

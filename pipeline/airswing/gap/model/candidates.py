@@ -43,8 +43,13 @@ PARTS = {
 }
 #: Cycles of a table of the magnetic heading: a flux valve's error holds five at most.
 CYCLES = 5
+#: Coefficients of its simple forms: a constant, and one cycle with it.
+SIMPLE = (1, 3)
 #: Correlation length of neighbouring coefficients, in knots, and the share that is independent.
 LENGTH, FREE = 1.3, 0.1
+#: Correlation length of smooth curves, a share of the range (a parabola, one cycle), and the share
+#: of their variance from which a direction is kept.
+SMOOTH, NEGLIGIBLE = 0.3, 0.01
 #: Quantiles between which knots lie: single values far out must not stretch the curve.
 INNER = (0.005, 0.995)
 #: Winds drawn to average a table of the reported wind over, and levels they are drawn within.
@@ -60,7 +65,7 @@ class Group:
     """A candidate: columns with a common prior."""
 
     name: str  # effect of the catalogue, or ``variable|component`` of a table
-    kind: str  # ``name``, ``table``, ``nuisance``, ``probe``; ``dated``: acts from a date on
+    kind: str  # ``name``, ``table``, ``nuisance``, ``probe``
     columns: slice  # raw columns
     transform: Floats  # (k, m): T of the module
     scopes: str  # ``a``: each aircraft has coefficients of its own, ``f``: all have the same
@@ -68,6 +73,7 @@ class Group:
     form: tuple[int, ...] = ()  # which coefficients of the effect; (1,) of a refined table
     reliability: float = 1.0  # squared correlation of the columns with the true ones
     part: str = "wind"  # what it is an error of: ``heading``, ``airspeed`` or ``wind``
+    dated: bool = False  # whether it acts from a date on
 
     @property
     def size(self) -> int:
@@ -77,7 +83,7 @@ class Group:
     @property
     def named(self) -> bool:
         """Whether it is an effect of the catalogue."""
-        return self.kind in ("name", "dated")
+        return self.kind == "name"
 
     @property
     def refined(self) -> bool:
@@ -85,9 +91,16 @@ class Group:
         return self.kind == "table" and self.form == (1,)
 
     @property
+    def simple(self) -> bool:
+        """Whether it is a constant, or one cycle of the magnetic heading with it."""
+        return self.kind == "table" and len(self.form) == 2
+
+    @property
     def variables(self) -> tuple[str, ...]:
-        """Variables of a table."""
-        return tuple(self.name.partition("|")[0].split(" x "))
+        """Variables of a table; of one that begins at a date, the date as well."""
+        if self.dated and self.size == 1:
+            return ("date",)
+        return (*self.name.partition("|")[0].split(" x "), *["date"] * self.dated)
 
     @property
     def component(self) -> str:
@@ -131,12 +144,25 @@ class Curve:
             return np.asarray(np.diag(np.r_[1.0, falling] ** 2))
         if KINDS[self.variable][0] == "category":
             return 0.5 * np.eye(self.knots.size) + 0.5
-        apart = np.abs(np.subtract.outer(np.arange(self.knots.size), np.arange(self.knots.size)))
+        near = np.exp(-0.5 * (self._apart / LENGTH) ** 2)
+        return np.asarray((1 - FREE) * near + FREE * np.eye(len(near)))
+
+    @property
+    def _apart(self) -> Floats:
+        """Distances between knots, in knots."""
+        number = np.arange(self.knots.size)
+        apart = np.abs(np.subtract.outer(number, number))
         if KINDS[self.variable][0] == "circular":
             apart = np.minimum(apart, self.knots.size - apart)
-        return np.asarray(
-            (1 - FREE) * np.exp(-0.5 * (apart / LENGTH) ** 2) + FREE * np.eye(len(apart))
-        )
+        return np.asarray(apart, np.float64)
+
+    @property
+    def smooth_root(self) -> Floats:
+        """Root (k, m) of the prior covariance of a curve that varies over its whole range only."""
+        length = SMOOTH * self.knots.size
+        values, vectors = np.linalg.eigh(np.exp(-0.5 * (self._apart / length) ** 2))
+        kept = values > NEGLIGIBLE * values.sum()
+        return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
 def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
@@ -260,12 +286,12 @@ class Candidates:
                 others = 1 if len(forms) == 1 else 2 * max(1, (len(forms) - 1) * (form != forms[0]))
                 weight = -float(np.log(2 * len(usable) * others))
                 tied = np.eye(1) if len(form) == 1 else effect.tied(form)
-                kind = "dated" if effect.kind == "step" else "name"
                 known = tuple(form), effect.reliability if curved is None else 1.0, part
-                group = Group(effect.name, kind, where, tied, scopes, weight, *known)
+                group = Group(effect.name, "name", where, tied, scopes, weight, *known)
+                group = replace(group, dated=effect.kind == "step")
                 self._group(columns, group, form)
                 if effect.kind == "drift" and len(form) == columns.shape[2]:
-                    self._group(columns, replace(group, kind="dated"), form)
+                    self._group(columns, replace(group, dated=True), form)
 
     def _effect_columns(self, effect: Effect, at: Frame) -> Singles:
         raw = effect.softened_columns(at)
@@ -355,7 +381,24 @@ class Candidates:
         self.tables[where.start] = table
         form = (int(refined),)
         group = Group(name, "table", where, root, "af", weight, form, reliability, part)
-        return self._group(columns, group)
+        if refined or KINDS[table.curves[0].variable][0] == "category":
+            return self._group(columns, group)
+        weight -= float(np.log(2))
+        if table.curves[0].variable == "magnetic_heading":
+            self._add_simple(columns, group, weight - float(np.log(2 * len(SIMPLE))))
+        else:
+            smooth = table.curves[0].smooth_root
+            self._group(columns, replace(group, transform=smooth, form=(2,), prior=weight))
+        return self._group(columns, replace(group, prior=weight))
+
+    def _add_simple(self, columns: Singles, group: Group, weight: float) -> None:
+        """Add a constant, and one cycle with it, from the first day on or from a later one."""
+        for size in SIMPLE:
+            simple = replace(
+                group, transform=group.transform[:size, :size], prior=weight, form=(0, size)
+            )
+            for dated in (False, True):
+                self._group(columns, replace(simple, dated=dated), range(size))
 
     def add_product(self, table: Group, curve: Floats, name: str) -> Group | None:
         """Add products of a table's fitted curve with functions of another variable."""

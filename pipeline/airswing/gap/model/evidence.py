@@ -19,6 +19,7 @@ from scipy.special import logsumexp
 
 from airswing.gap.arrays import Booleans, Integers
 from airswing.gap.model.candidates import Group
+from airswing.gap.model.sums import SIDES
 from airswing.gap.model.terms import BLOCKS, WIDE, Model, Statistics, cluster_factor, number_prior
 
 Floats = NDArray[Any]
@@ -38,8 +39,6 @@ SHARES = np.linspace(0.02, 0.98, 25)
 SPREAD = 0.25
 #: Share of the unit matrix in the shape of a prior, so that it has an inverse.
 SLIGHT = 1e-4
-#: Days with flights that must lie on either side of a change.
-SIDES = 2
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def slices(model: Model) -> list[SliceEntry]:
         found = CurveEntry(knots, [float(x) for x in curve])
         rows.append(SliceEntry(variable, component, values, 0.0, 1.0, p_value, energy, name, found))
 
-    for group in (g for g in sums.candidates.groups if g.kind == "table"):
+    for group in (g for g in sums.candidates.groups if g.kind == "table" and g.form == (0,)):
         found = model.statistics(group)
         score = model.day_score[:, :, group.columns] @ group.transform
         knots = knots_in_words(sums.candidates.table_of(group))

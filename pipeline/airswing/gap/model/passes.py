@@ -23,8 +23,8 @@ from airswing.gap.model.candidates import PARTS, Candidates
 from airswing.gap.model.evidence import Exchange, exchange_evidence
 from airswing.gap.model.refit import Refit, refit, without_errors
 from airswing.gap.model.selection import search
-from airswing.gap.model.sums import Sums
-from airswing.gap.model.terms import GATE, Model, Term, set_prior
+from airswing.gap.model.sums import GATE, Sums
+from airswing.gap.model.terms import Model, Term, set_prior
 from airswing.gap.noise import NoiseFit, fit_noise
 
 LOG = logging.getLogger(__name__)
@@ -108,7 +108,7 @@ def fit_model(
 def _exchange(fitted: Fitted, effects: Mapping[str, Effect]) -> Exchange | None:
     """The likeliest exchange where it beats none, and changes of the two aircraft."""
     groups = fitted.model.sums.candidates.groups
-    steps = [g for g in groups if g.kind == "dated" and len(g.form) == 3]
+    steps = [g for g in groups if g.named and g.dated and g.size == 3]
     if not steps:
         return None
     factor = fitted.model.statistics(steps[0]).factor
@@ -191,11 +191,11 @@ def _linearised(fitted: Fitted, effects: Mapping[str, Effect], tables: bool, see
             table = fitted.model.sums.candidates.table_of(term.group)
             candidates.add_table(table, term.group.prior, refined=True)
     again.model.sums.extend()
-    groups = {(g.name, g.form, g.kind): g for g in candidates.groups}
+    groups = {(g.name, g.form, g.dated): g for g in candidates.groups}
     start: list[Term] = []
     residual: Floats = corrected.residual
     for k, term in enumerate(terms):
-        group = groups.get((term.group.name, term.group.form, term.group.kind))
+        group = groups.get((term.group.name, term.group.form, term.group.dated))
         if group is None:
             continue
         start.append(replace(term, group=group))

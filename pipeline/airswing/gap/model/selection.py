@@ -17,7 +17,8 @@ from airswing.gap.archive.reported_variables import KINDS, KNOTS
 from airswing.gap.arrays import Floats
 from airswing.gap.model.candidates import Group, Table
 from airswing.gap.model.evidence import dated_evidence, static_evidence
-from airswing.gap.model.terms import GATE, Model, Statistics, Term, describe, set_prior
+from airswing.gap.model.sums import GATE
+from airswing.gap.model.terms import Model, Statistics, Term, describe, set_prior
 
 LOG = logging.getLogger(__name__)
 #: Share of a table's log evidence that a name must hold: a deviation of 5 degrees turns the heading
@@ -31,8 +32,8 @@ KNOWN_TO, FEW, CHI_SQUARED_MEDIAN = 0.15, 20, 0.455
 DAYS = 3
 #: Names and tables in a contest, the best of each by the screening score.
 NAMES, TABLES = 12, 6
-#: Most terms, and rounds of replacement after an addition.
-MOST, ROUNDS = 8, 2
+#: Most terms, rounds of replacement after an addition, and names that represent a table together.
+MOST, ROUNDS, TOGETHER = 8, 2, 3
 #: Other lever of each component, and times the usual number of knots.
 LEVERS = {
     "heading_angle": "across_heading",
@@ -52,13 +53,13 @@ def screen(model: Model) -> list[Term]:
     groups = [g for g in model.sums.candidates.groups if g.kind not in ("nuisance", "probe")]
     statistics = [(g, model.statistics(g)) for g in groups]
     # of tables and names that act always: the factor of a usual candidate
-    usual = [float(np.median(s.factor)) for g, s in statistics if g.kind != "dated"]
+    usual = [float(np.median(s.factor)) for g, s in statistics if not g.dated]
     model.kappa = max(1.0, float(np.median(usual))) if usual else 1.0
     statistics = [(g, model.with_usual(g, s)) for g, s in statistics]
     out: list[Term] = []
     for group, found in statistics:
         factor = max(model.kappa, float(np.mean(found.factor)))
-        if group.kind == "dated":
+        if group.dated:
             ranked, gated = dated_evidence(model, group, model.kappa, GATE - group.prior)
             scores = ranked.evidence + group.prior, gated.evidence + group.prior
             what = gated.scale, gated.start, *scores, gated.inclusion
@@ -144,30 +145,25 @@ def contest(
     if not able:
         return []
     short: list[Term] = []
-    seen: set[tuple[str, str, str]] = set()
+    seen: set[tuple[object, ...]] = set()
     for term in able:
-        kind = (term.group.name, term.scope, term.group.kind)
+        group = term.group
+        kind = (group.name, term.scope, group.dated, group.form if group.simple else ())
         if kind not in seen:
             seen.add(kind)
             short.append(term)
     names = [t for t in short if t.group.named][:NAMES]
-    tables = [t for t in short if not t.group.named][:TABLES]
-    short = names + tables
-    before = model.evidence(terms, model.kappa)
-
-    def exactly(term: Term) -> Term:
-        gain = model.evidence([*terms, term], model.kappa) - before
-        return term.with_score(gain + term.group.prior + set_prior(model, term))
-
-    scored = [exactly(term) for term in short]
+    tables = [t for t in short if not t.group.named and not t.group.simple][:TABLES]
+    short = names + tables + [t for t in short if t.group.simple]
+    scored = [_exactly(model, terms, term) for term in short]
     # the screening score of fleet-wide candidates hardly says which form fits
     named = max((t for t in scored if t.group.named), key=lambda t: t.score, default=None)
     if named is not None and named.scope == "f":
         forms = [
-            exactly(term)
+            _exactly(model, terms, term)
             for term in able
-            if (term.group.name, term.scope, term.group.kind)
-            == (named.group.name, named.scope, named.group.kind)
+            if (term.group.name, term.scope, term.group.dated)
+            == (named.group.name, named.scope, named.group.dated)
         ]
         scored[scored.index(named)] = max(forms, key=lambda t: t.score)
     scored = [term for term in scored if term.score > gate]
@@ -176,39 +172,75 @@ def contest(
     scored.sort(key=lambda term: -term.score)
     best = scored[0]
     if not best.group.named:
-        named_terms = [t for t in scored if t.group.named]
-        represented = [t for t in named_terms if t.score > REPRESENTS * best.score]
+        # no tolerance is due where a table has no more coefficients than the name
+        tables = [t for t in scored if not t.group.named]
+        names = [
+            t
+            for t in scored
+            if t.group.named
+            and not any(t.score < s.score and s.freedom <= t.freedom for s in tables)
+        ]
+        represented = [t for t in names if t.score > REPRESENTS * best.score]
         if represented:
             best = represented[0]
-        elif _names_together(model, terms, named_terms, before) > REPRESENTS * best.score:
-            best = named_terms[0]
-    best = _without_idle(model, terms, best, before)
-    rivals = tuple(
-        (best.score - t.score, t.group.name, t.scope) for t in scored if t.label != best.label
-    )
-    return [replace(best, rivals=rivals), *(t for t in scored if t.label != best.label)]
+        elif names:
+            best = _named_together(model, terms, best, names) or best
+    best = _without_idle(model, terms, best)
+    others = [t for t in scored if t.label != best.label]
+    rivals = tuple((best.score - t.score, t.group.name, t.scope) for t in others)
+    return [replace(best, rivals=rivals, weight=_weight(best, others)), *others]
 
 
-def _names_together(
-    model: Model, terms: Sequence[Term], named: Sequence[Term], before: float
-) -> float:
-    """Exact evidence, with log priors, of the names that raise it when added one after another."""
+def _named_together(
+    model: Model, terms: Sequence[Term], table: Term, named: Sequence[Term]
+) -> Term | None:
+    """First of several names that leave a table nothing to explain; None where there are none."""
     chosen: list[Term] = []
-    left = list(named)
-    prior = best = 0.0
-    while left:
-        priors = [prior + term.group.prior + set_prior(model, term) for term in left]
-        gains = [model.evidence([*terms, *chosen, term], model.kappa) - before for term in left]
-        scores = np.add(gains, priors)
-        place = int(np.argmax(scores))
-        if scores[place] <= best:
+    freedom, total, found = 0, 0.0, None
+    for _ in range(TOGETHER):
+        given = [*terms, *chosen]
+        if chosen:
+            model.condition(given)
+            named = [t for t in screen(model) if t.group.named and t.gate > GATE][:TABLES]
+        options = [_exactly(model, given, term) for term in named]
+        best = max(options, key=lambda t: t.score, default=None)
+        if best is None or best.score <= GATE:
             break
-        best, prior = float(scores[place]), priors[place]
-        chosen.append(left.pop(place))
-    return best
+        best = _without_idle(model, given, best)
+        LOG.debug("  several names: %s", describe(best))
+        chosen.append(best)
+        freedom, total = freedom + best.freedom, total + best.score
+        if freedom >= table.freedom:
+            break
+        left = _exactly(model, [*terms, *chosen], table).score
+        if total > REPRESENTS * table.score and left < (1 - REPRESENTS) * table.score:
+            found = chosen[0]
+            break
+    model.condition(terms)
+    return found
 
 
-def _without_idle(model: Model, terms: Sequence[Term], term: Term, before: float) -> Term:
+def _exactly(model: Model, terms: Sequence[Term], term: Term) -> Term:
+    """A term with its exact evidence given others and its log prior as score."""
+    gain = model.evidence([*terms, term], model.kappa) - model.evidence(terms, model.kappa)
+    return term.with_score(gain + term.group.prior + set_prior(model, term))
+
+
+def _weight(best: Term, others: Sequence[Term]) -> float:
+    """Posterior probability of a term among those of the contest that are no part of it.
+
+    A name competes with the other names and with simpler tables, a table with the names.
+    """
+    apart = [
+        best.score - t.score
+        for t in others
+        if t.group.name != best.group.name
+        and (t.group.named or (best.group.named and t.freedom <= best.freedom))
+    ]
+    return float(1 / (1 + np.exp(-np.array(apart)).sum()))
+
+
+def _without_idle(model: Model, terms: Sequence[Term], term: Term) -> Term:
     """A term without the aircraft that raise its exact evidence by their absence.
 
     The screening score gives the fleet's part back approximately: with an effect of several m/s on
@@ -223,9 +255,7 @@ def _without_idle(model: Model, terms: Sequence[Term], term: Term, before: float
         for a in term.tails:
             left = tuple(b for b in term.tails if b != a)
             start = {b: day for b, day in term.start.items() if b != a}
-            other = replace(term, tails=left, start=start)
-            exact = model.evidence([*terms, other], model.kappa) - before
-            options.append(other.with_score(exact + other.group.prior + set_prior(model, other)))
+            options.append(_exactly(model, terms, replace(term, tails=left, start=start)))
         best = max(options, key=lambda one: one.score)
         if best.score <= term.score:
             return term
@@ -260,7 +290,7 @@ def search(model: Model, *, start: Sequence[Term] = ()) -> list[Term]:
 
 def learn_usual(model: Model) -> None:
     """Estimate the usual sizes with all terms in the model: an effect must not pass for usual."""
-    groups = [g for g in model.sums.candidates.groups if g.kind == "table"]
+    groups = [g for g in model.sums.candidates.groups if g.kind == "table" and g.form == (0,)]
     model.usual = usual_sizes([(g, model.statistics(g)) for g in groups], model.kappa)
 
 
@@ -274,8 +304,7 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
             ranked = screen(model)
             if term.group.refined:
                 # a table of two variables is a candidate for its own place
-                gain = model.evidence(terms, model.kappa) - model.evidence(rest, model.kappa)
-                score = gain + term.group.prior + set_prior(model, term)
+                score = _exactly(model, rest, term).score
                 ranked.append(replace(term, score=score, gate=score / model.kappa))
             found = contest(model, rest, ranked)
             if not found:
@@ -299,7 +328,7 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
 # ------------------------------------------------------------------------------------- refinement
 def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
     """Terms, on which the model is conditioned, with one of their tables refined."""
-    if term.group.kind != "table" or term.group.refined or term.score < LEAST:
+    if term.group.named or term.group.dated or term.group.refined or term.score < LEAST:
         return terms
     candidates = model.sums.candidates
     (name,) = term.group.variables
@@ -363,19 +392,17 @@ def _contested(
     """Best of a term and the same with other tables, whose log prior is less by ``weight``."""
     candidates = model.sums.candidates
     rest = [other for other in terms if other is not term]
-    before = model.evidence(rest, model.kappa)
-    now = model.evidence(terms, model.kappa) - before + term.group.prior + set_prior(model, term)
+    now = _exactly(model, rest, term).score
     best, score = term, now + GATE * model.kappa
     for table in tables:
         group = candidates.add_table(table, term.group.prior - weight, refined=True)
         model.sums.extend()
         if group is None:
             continue
-        options = []
-        for scale in (0.5 * term.scale, term.scale, 2.0 * term.scale):
-            other = replace(term, group=group, scale=scale)
-            exact = model.evidence([*rest, other], model.kappa) - before
-            options.append(other.with_score(exact + group.prior + set_prior(model, other)))
+        options = [
+            _exactly(model, rest, replace(term, group=group, scale=scale))
+            for scale in (0.5 * term.scale, term.scale, 2.0 * term.scale)
+        ]
         other = max(options, key=lambda one: one.score)
         if other.score > score:
             best, score = other, other.score

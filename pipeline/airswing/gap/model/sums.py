@@ -24,6 +24,10 @@ from airswing.units import DAY
 SPARE = 400
 #: Variance of the day fields that expectation maximisation starts from, m2 s-2, and its steps.
 START, STEPS = 0.5, 30
+#: Least days with reports before and after a change.
+SIDES = 2
+#: Log posterior odds from which a candidate may enter: probability 0.95.
+GATE = 3.0
 
 
 def days_of(frame: Frame) -> tuple[Integers, Integers, float]:
@@ -133,12 +137,7 @@ class Sums:
             rows = self.fields[span].astype(float)
             gram[d] += rows.T @ rows
             score[d] += rows.T @ self.residual[span]
-        variance = np.full(q, START)
-        for _ in range(STEPS):
-            inverse = np.linalg.inv(gram + np.diag(1 / variance))
-            mean = np.einsum("dij,dj->di", inverse, score)
-            variance = (mean**2 + np.einsum("dii->di", inverse)).mean(axis=0)
-        self.field_variance = variance
+        variance = self.field_variance = field_variance(gram, score)
         self.root = np.linalg.inv(np.linalg.cholesky(gram + np.diag(1 / variance)))
         self.root32 = self.root.astype(np.float32)
 
@@ -186,3 +185,50 @@ class Sums:
                 plain.sum(axis=0) - np.einsum("dqi,dqj->dij", whole, whole, optimize=True),
             )
         return self._grams[key]
+
+
+def field_variance(gram: Floats, score: Floats) -> Floats:
+    """Variances (q,) of the day fields about zero, or about means that change on a day.
+
+    A change of the mean wind that all aircraft meet (a new version of the reference, an effect on
+    all aircraft from a date on) would otherwise pass for weather. ``gram`` (D, q, q) and ``score``
+    (D, q) are of each day; the constant of either component may change, on the day that reduces
+    its variance most, if the evidence (Schwarz 1978) passes the gate.
+    """
+    number, q = score.shape
+    constants = [0, q // 2]
+    variance, evidence, fields = _maximised(gram, score, np.zeros((number, 1)), constants)
+    if number < 2 * SIDES:
+        return variance
+    moved = fields[:, constants]
+    within = [
+        np.log(moved[:d].var(axis=0) * d + moved[d:].var(axis=0) * (number - d)).sum()
+        for d in range(SIDES, number - SIDES + 1)
+    ]
+    late = np.arange(number) >= SIDES + int(np.argmin(within))
+    changed, more, _ = _maximised(gram, score, np.stack([~late, late], -1), constants)
+    parameters = 2 * len(constants) + 2  # means, and the day, which counts as two
+    return changed if more - evidence - 0.5 * parameters * np.log(number) > GATE else variance
+
+
+def _maximised(
+    gram: Floats, score: Floats, segments: Floats, constants: list[int]
+) -> tuple[Floats, float, Floats]:
+    """Variances, log likelihood and fields (D, q) by expectation maximisation.
+
+    The constants' means are those of each segment (D, k); zero where no day is in one.
+    """
+    variance, mean = np.full(score.shape[1], START), np.zeros_like(score)
+    weights = segments / np.maximum(segments.sum(axis=0), 1)
+    for _ in range(STEPS):
+        inverse = np.linalg.inv(gram + np.diag(1 / variance))
+        fields = np.einsum("dij,dj->di", inverse, score + mean / variance)
+        mean[:, constants] = segments @ (weights.T @ fields[:, constants])
+        variance = ((fields - mean) ** 2 + np.einsum("dii->di", inverse)).mean(axis=0)
+    precision, right = gram + np.diag(1 / variance), score + mean / variance
+    likelihood = (
+        (right * np.linalg.solve(precision, right[..., None])[..., 0]).sum()
+        - np.linalg.slogdet(precision)[1].sum()
+        - (np.zeros_like(mean) + np.log(variance) + mean**2 / variance).sum()
+    )
+    return variance, 0.5 * float(likelihood), fields

@@ -30,8 +30,6 @@ from airswing.gap.model.sums import Sums
 LASTING = {"wind": 0.07, "aircraft": 0.03}
 #: Reliability from which columns count as exact.
 EXACT = 0.95
-#: Log posterior odds from which a candidate may enter: probability 0.95.
-GATE = 3.0
 #: Prior standard deviation of the reference's climatology, m/s: what weather models err by in the
 #: mean of a month at one place and level (bias of upper-air winds in radiosonde verification).
 CLIMATOLOGY = 0.6
@@ -54,6 +52,7 @@ class Term:
     spread: float = 0.0
     # (evidence it lies ahead, name, scope) of the other candidates of the contest
     rivals: tuple[tuple[float, str, str], ...] = ()
+    weight: float = 1.0  # posterior probability among the candidates of the contest
     # (m, m): prior precision of an aircraft's coefficients for s = 1; None: the unit matrix
     shape: Floats | None = None
 
@@ -61,13 +60,19 @@ class Term:
     def key(self) -> tuple[object, ...]:
         """What identifies its columns."""
         group, columns = self.group, self.group.columns
-        what = (group.name, columns.start, columns.stop, group.form, group.kind)
+        what = (group.name, columns.start, columns.stop, group.form, group.dated)
         return *what, self.scope, self.tails, tuple(sorted(self.start.items()))
 
     @property
     def label(self) -> tuple[str, str, tuple[int, ...]]:
         """What identifies it without aircraft and dates."""
-        return self.group.name, self.scope, self.group.form
+        return self.group.name, self.scope, (*self.group.form, self.group.dated)
+
+    @property
+    def freedom(self) -> int:
+        """Number of its coefficients and dates."""
+        number = 1 if self.scope == "f" else len(self.tails)
+        return number * self.group.size + len(set(self.start.values()))
 
     @property
     def precision(self) -> Floats:

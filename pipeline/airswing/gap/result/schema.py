@@ -163,6 +163,7 @@ class PlaceEntry:
     settled_by: str | None = None
     steps: StepsEntry | None = field(default=None, metadata=LEFT_OUT)
     title: str | None = field(default=None, metadata=LEFT_OUT)  # what is sent wrongly, in words
+    period: Period | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True)

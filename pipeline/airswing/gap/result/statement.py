@@ -3,7 +3,7 @@
 Terms of one name that act on the whole archive are one claim, whatever their scopes: the
 coefficients of an aircraft are the fleet's and its own. So are tables of one variable and
 component. The probability of a claim is ``1 / (1 + exp(-(c0 + c1 ln(1 + gate))))``, gate its log
-posterior odds with its own noise factor.
+posterior odds with its own noise factor, times its posterior probability in the last contest.
 """
 
 from __future__ import annotations
@@ -60,6 +60,7 @@ class Claim:
     named: bool
     score: float
     gate: float
+    weight: float = 1.0  # posterior probability among the candidates of the contest
 
 
 def claims_of(terms: Sequence[Term]) -> list[Claim]:
@@ -76,6 +77,7 @@ def claims_of(terms: Sequence[Term]) -> list[Claim]:
             terms[members[0]].group.named,
             max(terms[k].score for k in members),
             max(terms[k].gate for k in members),
+            max(terms[k].weight for k in members),
         )
         for members in merged.values()
     ]
@@ -184,7 +186,7 @@ def effect_entry(
     size = np.concatenate([_sizes(fitted, k) for k in claim.terms])
     return EffectEntry(
         name=name,
-        probability=probability(claim.gate),
+        probability=claim.weight * probability(claim.gate),
         tails=names,
         parameters=summary([p for p, _ in each]),
         standard_errors={n: float(np.median([e[n] for _, e in each])) for n in each[0][1]},
@@ -267,6 +269,9 @@ def place_entry(fitted: Fitted, claim: Claim, step: ClosesEntry) -> PlaceEntry:
     frame = fitted.frame
     whole = any(term.scope == "f" for term in terms) or len(tails) == len(frame.tails)
     curve = table_curve(fitted, fitted.model.sums.candidates.table_of(group), tails, values)
+    period = _period(fitted, terms[0])
+    begins = f"from {period[0]} on" if period else None
+    words = [words for words in (shape_in_words(curve), begins) if words]
     nearest, share = _nearest(terms)
     size = np.concatenate([_sizes(fitted, k) for k in claim.terms])
     alike = [n for t in terms for a, n, _ in t.rivals if "|" in n and a < 0.2 * abs(t.score)]
@@ -283,11 +288,12 @@ def place_entry(fitted: Fitted, claim: Claim, step: ClosesEntry) -> PlaceEntry:
         equally_good=list(dict.fromkeys(alike)),
         closure=step,
         held_out_energy=2.0 * claim.score,
-        probability=probability(claim.gate),
+        probability=claim.weight * probability(claim.gate),
         nearest_effect=nearest,
         nearest_effect_share=share,
         settled_by=SETTLED.get(group.variables[0], OTHERWISE),
-        title=shape_in_words(curve),
+        title="; ".join(words) or None,
+        period=period,
     )
 
 

@@ -303,7 +303,7 @@ def _of_place(place: PlaceEntry) -> list[dict[str, object]]:
             "name": "empirical",
             "tails": tails,
             "parameters": parameters | {"values": values},
-            "period": None,
+            "period": place.period,
         }
         for tails, values in pieces
     ]
