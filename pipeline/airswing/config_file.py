@@ -58,13 +58,7 @@ def load_config(path: Path | str, *, output: Path | None = None) -> Config:
 def load_postprocess(
     path: Path | str, *, output: Path | None = None
 ) -> tuple[Postprocess, Path, BaseModel]:
-    """Read a configuration with the section ``postprocess``, with or without the main job.
-
-    Returns
-    -------
-    Postprocess, Path, BaseModel
-        The section, the output folder, and the whole configuration.
-    """
+    """Read a section ``postprocess``: it, the output folder, and the whole configuration."""
     content = _content(Path(path), output)
     if content.get("postprocess") is None:
         raise ConfigError(

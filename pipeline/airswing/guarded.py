@@ -70,10 +70,7 @@ def guarded(
 ) -> Result:
     """Call a function in a worker process; its result or exception is passed on.
 
-    Raises
-    ------
-    WorkerEndedError
-        If the worker ended, or the call took longer than `SECONDS`.
+    WorkerEndedError if the worker ended, or the call took longer than `SECONDS`.
     """
     while True:
         try:

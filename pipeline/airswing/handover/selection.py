@@ -157,14 +157,9 @@ def selected_rows(
 ) -> Selected:
     """Select the reports of an archive and put them in order of time; InputError if none remains.
 
-    Parameters
-    ----------
-    above : float, default 0
-        Pa; reports at this pressure and lower ones are left out as ``above_80_hPa``.
-    largest_step : float, default infinite
-        Pa; a joined sounding is split at a larger step between levels.
-    least_depth : float, default 0
-        Pa; a shallower sounding is written as single levels.
+    Reports at the pressure ``above`` and lower ones are left out as ``above_80_hPa``. A joined
+    sounding is split where levels differ by more than ``largest_step``; one shallower than
+    ``least_depth`` is written as single levels (all Pa).
     """
     prefix = "corrected_" if request.winds == "corrected" else ""
     winds = f"{prefix}eastward_wind", f"{prefix}northward_wind"

@@ -60,14 +60,8 @@ def blocks(
 ) -> Iterator[xr.Dataset]:
     """Iterate over an archive in blocks of whole aircraft, each in memory.
 
-    Parameters
-    ----------
-    ds : Dataset
-        Ragged, in memory or opened lazily; without ``row_size`` the reports of one aircraft.
-    names : sequence of str, optional
-        Variables to read, where they exist, in addition to ``row_size``; all by default.
-    limit : int, optional
-        Reports of a block; `BLOCK_REPORTS` by default.
+    ``names`` are the variables to read where they exist, all by default, ``limit`` the reports of a
+    block, by default `BLOCK_REPORTS`. Without ``row_size`` all reports are of one aircraft.
     """
     if "row_size" not in ds:
         ds = ds.assign(row_size=("aircraft", np.array([ds.sizes["report"]])))

@@ -30,14 +30,7 @@ _AGAIN = "then run the same command again: finished months are kept"
 
 @contextlib.contextmanager
 def scheduler(compute: Compute, progress: Progress) -> Iterator[None]:
-    """Run every dask computation inside the block on the configured resources.
-
-    Raises
-    ------
-    InputError
-        If the scheduler cannot be reached or is lost, if workers have another version of airswing,
-        or if a worker process ends.
-    """
+    """Run every dask computation inside the block on the configured resources."""
     if compute.scheduler is not None:
         with _at_address(compute.scheduler, progress):
             yield

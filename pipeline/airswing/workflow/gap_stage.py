@@ -87,16 +87,6 @@ def diagnosis(
     simulated : str, optional
         Reports of another simulation, in place of those of a perfect instrument: a file, a glob,
         or the configuration of a separate archive.
-
-    Returns
-    -------
-    GapReport
-        The content of ``gap.json``.
-
-    Raises
-    ------
-    InputError
-        If an effect to withhold is unknown, or the starting point cannot be read.
     """
     # checked before anything is read, because headings may take an hour
     for name in without:
@@ -172,13 +162,8 @@ def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.D
     """Headings with the winds of the gap's references an hour before and after each report.
 
     They are the winds that a reference with wrong valid times would give. The tendency between two
-    fields shows half of it where waves are small.
-
-    Parameters
-    ----------
-    offset : float
-        Correct minus stated valid time of the fields (h); the winds at the reports are those of the
-        correct time.
+    fields shows half of it where waves are small. With an ``offset`` (correct minus stated valid
+    time of the fields, h) the winds at the reports are also those of the correct time.
     """
     config = job.config
     members = job.pools[config.gap_reference()]
@@ -221,16 +206,7 @@ class Start:
 def starting_point(
     job: Job, *, known: Path | None = None, simulated: str | None = None
 ) -> Callable[[Frame], Start]:
-    """Read the starting point of a diagnosis; return a function that makes it from the archive.
-
-    Parameters as of `diagnosis`.
-
-    Raises
-    ------
-    InputError
-        If a file is missing or has other content; later, if an effect needs an aircraft or a
-        variable that the archive does not have.
-    """
+    """Read the starting point of a diagnosis; return a function that makes it from the archive."""
     effects = None if known is None else read_known(known, reference=job.config.gap_reference())
     reports = None if simulated is None else _read(job, simulated)
 

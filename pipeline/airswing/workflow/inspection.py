@@ -18,13 +18,7 @@ _LONGEST_LIST = 20  # most numbers of a list that are shown
 
 
 def inspect_file(path: Path) -> dict[str, object]:
-    """Return ``file``, ``kind`` and the summary of that kind.
-
-    Raises
-    ------
-    InputError
-        If the file is absent, empty or of no kind airswing knows.
-    """
+    """Return ``file``, ``kind`` and the summary of that kind."""
     kind, found = _content(Path(path))
     return {"file": str(path), "kind": kind} | found
 
@@ -110,13 +104,7 @@ def _product(path: Path) -> dict[str, object] | None:
 
 
 def as_text(found: dict[str, object], *, indent: str = "") -> str:
-    """Lay an inspection out for a terminal.
-
-    Parameters
-    ----------
-    found : dict
-        Result of :func:`inspect_file`.
-    """
+    """Lay the result of :func:`inspect_file` out for a terminal."""
     lines = []
     for key, value in found.items():
         if value is None or value in ("", [], {}):

@@ -50,11 +50,6 @@ def make_headings(job: Job) -> xr.Dataset:
     Months whose inputs are unchanged are kept, unless the job is fresh. The Dataset of all months
     is lazy; its attribute ``months`` (JSON) has those ``made`` and ``kept``. Months without a
     screened report are included, with the model's winds.
-
-    Raises
-    ------
-    InputError
-        No usable report, no usable model wind, or no overlap of the two.
     """
     with job.progress.stage("reports") as stage:
         archive = ReportArchive(job)

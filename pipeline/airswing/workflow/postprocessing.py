@@ -31,24 +31,9 @@ from airswing.workflow.progress import Progress
 def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False) -> dict[str, Any]:
     """Correct the forecasts of a configuration; write ``postprocessed.nc`` and its page.
 
-    Parameters
-    ----------
-    config : Path
-        With a section ``postprocess``, with or without the other sections.
-    output : Path, optional
-        Replaces the configuration's folder.
-
-    Returns
-    -------
-    dict
-        ``headline``, ``summary`` (lines for a person), ``product``, ``page``, ``left_out`` (lines,
-        by reason) and by ``variables`` ``ratio``, ``pairs``, and by method the scores on the days
-        held out and, as ``stations``, their distribution over stations.
-
-    Raises
-    ------
-    InputError
-        If there is nothing to correct, or it cannot be read.
+    Returns ``headline``, ``summary`` (lines for a person), ``product``, ``page``, ``left_out``
+    (lines, by reason) and by ``variables`` ``ratio``, ``pairs``, and by method the scores on the
+    days held out and, as ``stations``, their distribution over stations.
     """
     section, folder, whole = load_postprocess(config, output=output)
     progress = Progress(quiet=quiet)

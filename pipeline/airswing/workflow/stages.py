@@ -77,13 +77,7 @@ _MOST_DAYS_BY_MONTH = 400
 
 
 def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
-    """Deviation fits and 8-point tables: ``fits.nc``, ``tables.csv`` and the swing cards.
-
-    Raises
-    ------
-    InputError
-        Screening left no report.
-    """
+    """Deviation fits and 8-point tables: ``fits.nc``, ``tables.csv`` and the swing cards."""
     from airswing.report.run.heading_error import write_swing_cards
 
     screened, members = job.ready(headings, HEADINGS), job.pools[job.reference]
@@ -340,11 +334,6 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
     """The field test of the configuration: ``field_test.json``.
 
     It includes the reduction predicted by fits to the reports before the test.
-
-    Raises
-    ------
-    ConfigError
-        If the configuration has no ``field_test``.
     """
     config, test = job.config, job.config.field_test
     if test is None:
