@@ -16,13 +16,12 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import eccodes
 import numpy as np
 import xarray as xr
+from tests.reference.builders import build
 
-import airswing  # noqa: F401  (imports pyproj before eccodes)
 from airswing.guarded import guarded
 from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import collocate
@@ -59,28 +58,19 @@ def smooth_field(rng: np.random.Generator) -> np.ndarray:
 
 
 def write_hour(path: Path, label: str, fields: list[np.ndarray]) -> None:
-    edition = int(label[4])
-    with path.open("wb") as file:
-        for number, values in enumerate(fields):
-            handle = eccodes.codes_grib_new_from_samples(
-                "GRIB2" if edition == 2 else "regular_ll_pl_grib1"
-            )
-            level, v = int(LEVELS[number // 2]), number % 2
-            if edition == 1:
-                keys: dict[str, Any] = {"centre": 59, "table2Version": 2}
-                keys |= {"indicatorOfParameter": 33 + v, "indicatorOfTypeOfLevel": 100}
-            else:
-                keys = {"discipline": 0, "parameterCategory": 2, "parameterNumber": 2 + v}
-                keys |= {"typeOfLevel": "isobaricInhPa"}
-            keys |= {"dataDate": 20090801, "dataTime": 0, "level": level, **LAMBERT}
-            for key, value in keys.items():
-                eccodes.codes_set(handle, key, value)
-            if edition == 2:
-                eccodes.codes_set(handle, "packingType", PACKINGS[label])
-            eccodes.codes_set(handle, "bitsPerValue", 12)
-            eccodes.codes_set_values(handle, values)
-            file.write(eccodes.codes_get_message(handle))
-            eccodes.codes_release(handle)
+    options = {"edition": int(label[4]), "packing": PACKINGS[label], "bits": 12}
+    messages = [
+        build(
+            LAMBERT,
+            values,
+            parameter="uv"[number % 2],
+            level=int(LEVELS[number // 2]),
+            when=(20090801, 0),
+            **options,
+        )
+        for number, values in enumerate(fields)
+    ]
+    path.write_bytes(b"".join(messages))
 
 
 def copy_hours(path: Path, hours: int) -> list[str]:

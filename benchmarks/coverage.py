@@ -1,6 +1,6 @@
 """Coverage of the 95 % intervals of the fit, and bias of B and C, over many simulated fleets.
 
-    python benchmarks/coverage.py --fleets 200
+    python -m benchmarks.coverage --fleets 200
 
 Fleets differ in deviations, model bias (0.5 m/s and more), day and flight errors of the model and
 airspeed scales; 1 % of the winds are reversed. Exit status 1 where coverage is outside 93-97 % or
@@ -11,16 +11,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 import numpy as np
-
-import airswing  # noqa: F401
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
+import airswing  # noqa: F401
 from airswing.compass.fit.deviation import COEFFICIENTS, fit_deviation
 
 NAMES = (*COEFFICIENTS, "offset", "amplitude", "phase")

@@ -15,15 +15,13 @@ import resource
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import numpy as np
 import xarray as xr
-from tests.compass.flown import Setting, fleet_deviations, fly, wrap
+from tests.compass.flown import Setting, fleet_deviations, fly
+from tests.evaluation.archives import moved
 
 from airswing.compass.fit.deviation import fit_sums, sum_aircraft
 
@@ -87,21 +85,8 @@ def fleet(aircraft: int, number: int, days: int, each: int) -> tuple[xr.Dataset,
 
 
 def with_field(headings: xr.Dataset) -> xr.Dataset:
-    heading, airspeed = headings["heading"].to_numpy(), headings["airspeed"].to_numpy()
-    toward = np.radians(heading - headings["heading_error"].to_numpy()[0])
-    speed = airspeed - headings["airspeed_error"].to_numpy()[0]
     places = [headings[name].to_numpy() for name in ("latitude", "longitude", "time")]
-    error = field(*places, seed=0)
-    eastward = speed * np.sin(toward) - error[0]
-    northward = speed * np.cos(toward) - error[1]
-    apart = wrap(heading - np.degrees(np.arctan2(eastward, northward)))
-    return headings.assign(
-        heading_error=(("reference", "report"), apart[np.newaxis]),
-        airspeed_error=(
-            ("reference", "report"),
-            (airspeed - np.hypot(eastward, northward))[np.newaxis],
-        ),
-    )
+    return moved(headings, "ruc", *field(*places, seed=0))
 
 
 def one_size(aircraft: int, days: int, reports: int) -> dict[str, float]:

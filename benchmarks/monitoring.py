@@ -14,13 +14,9 @@ import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from scipy.stats import binom, chi2
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from tests.evaluation.daily_fleets import World, daily_sums, watched
 
 from airswing.evaluation.monitoring.events import first_days_and_silences

@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-
-import airswing  # noqa: F401  (imports pyproj before eccodes can be)
+from tests.reference.builders import build, grid_keys
 
 START = np.datetime64("2009-01-01T00:00:00", "s")
 HOURS, REPORTS, AIRCRAFT = 8760, 10_000_000, 60
@@ -39,29 +38,14 @@ def wind(latitude: Any, longitude: Any) -> tuple[Any, Any]:
 
 def write_fields(folder: Path, hours: int) -> None:
     """One file an hour: the date bytes of one hour's messages are changed."""
-    import eccodes
-
     lat, lon = np.meshgrid(SOUTH + STEP * np.arange(NJ), WEST + STEP * np.arange(NI), indexing="ij")
-    keys = {
-        **{"centre": 59, "table2Version": 2, "indicatorOfTypeOfLevel": 100, "dataDate": 20090101},
-        **{"Ni": NI, "Nj": NJ, "jScansPositively": 1, "bitsPerValue": 16},
-        **{"iDirectionIncrementInDegrees": STEP, "jDirectionIncrementInDegrees": STEP},
-        "latitudeOfFirstGridPointInDegrees": SOUTH,
-        "longitudeOfFirstGridPointInDegrees": WEST,
-        "latitudeOfLastGridPointInDegrees": SOUTH + STEP * (NJ - 1),
-        "longitudeOfLastGridPointInDegrees": WEST + STEP * (NI - 1),
-    }
+    last = WEST + STEP * (NI - 1), SOUTH + STEP * (NJ - 1)
+    grid = grid_keys("regular_ll", (NI, NJ), (WEST, SOUTH), last)
     messages, starts = b"", []
     for level in LEVELS:
-        for number, values in enumerate(wind(lat, lon)):
-            handle = eccodes.codes_grib_new_from_samples("regular_ll_pl_grib1")
-            field = {"indicatorOfParameter": 33 + number, "level": level}
-            for key, value in (keys | field).items():
-                eccodes.codes_set(handle, key, value)
-            eccodes.codes_set_values(handle, values.ravel())
+        for name, values in zip("uv", wind(lat, lon), strict=True):
             starts.append(len(messages))
-            messages += eccodes.codes_get_message(handle)
-            eccodes.codes_release(handle)
+            messages += build(grid, values.ravel(), edition=1, parameter=name, level=level)
     folder.mkdir()
     copy = bytearray(messages)
     for hour in range(hours):

@@ -14,8 +14,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 import yaml
-
-import airswing  # noqa: F401  (imports pyproj before eccodes can be)
+from tests.reference.builders import build
 
 NI, NJ = 20, 18
 LEVELS = np.array([550.0, 650.0, 750.0])
@@ -50,6 +49,7 @@ GRIBS: dict[str, tuple[int, dict[str, Any], str, bool]] = {
     "grib2 IEEE": (2, LATLON, "grid_ieee", False),
 }
 """Edition, grid, packing and whether points are missing."""
+RUN: dict[str, Any] = {"when": (20090916, 600), "step": 3, "bits": 12}
 TEXTS = ("csv", "csv.gz", "yaml", "effects")
 TABLES = ("parquet", "netcdf3", "netcdf4", "bufr")
 PRODUCTS = ("headings.nc", "fits.nc", "corrected.nc")
@@ -166,84 +166,33 @@ def reports(count: int = 60) -> pd.DataFrame:
     )
 
 
-def _encoded(
-    sample: str,
-    keys: Mapping[str, Any],
-    values: np.ndarray,
-    *,
-    packing: str = "grid_simple",
-    pv: np.ndarray | None = None,
-) -> bytes:
-    """One message by ecCodes; NaN is missing."""
-    import eccodes
-
-    handle = eccodes.codes_grib_new_from_samples(sample)
-    missing = np.isnan(values)
-    marks = {"bitmapPresent": 1, "missingValue": 9999.0} if missing.any() else {}
-    times = {"dataDate": 20090916, "dataTime": 600}
-    for key, value in (times | dict(keys) | marks).items():
-        eccodes.codes_set(handle, key, value)
-    if pv is not None:
-        eccodes.codes_set(handle, "PVPresent", 1)
-        eccodes.codes_set_double_array(handle, "pv", pv.tolist())
-    data = np.where(missing, 9999.0, values).ravel().astype(float)
-    eccodes.codes_set(handle, "bitsPerValue", 12)
-    eccodes.codes_set_values(handle, data)
-    if packing != "grid_simple":
-        eccodes.codes_set(handle, "packingType", packing)
-        if packing != "grid_ieee":
-            eccodes.codes_set(handle, "bitsPerValue", 12)
-        eccodes.codes_set_values(handle, data)
-    message = bytes(eccodes.codes_get_message(handle))
-    eccodes.codes_release(handle)
-    return message
-
-
-def grib_message(
-    edition: int, grid: dict[str, Any], packing: str, values: np.ndarray, *, level: int, v: int
-) -> bytes:
-    """One message of u (v = 0) or v (1) on a pressure level."""
-    if edition == 1:
-        keys: dict[str, Any] = {"centre": 59, "table2Version": 2, "indicatorOfParameter": 33 + v}
-        keys |= {"indicatorOfTypeOfLevel": 100, "timeRangeIndicator": 0, "P1": 3}
-    else:
-        keys = {"discipline": 0, "parameterCategory": 2, "parameterNumber": 2 + v}
-        keys |= {"typeOfLevel": "isobaricInhPa", "forecastTime": 3}
-    sample = "GRIB2" if edition == 2 else "regular_ll_pl_grib1"
-    return _encoded(sample, keys | {"level": level} | grid, values, packing=packing)
-
-
 def _grib(edition: int, grid: dict[str, Any], packing: str, bitmap: bool) -> bytes:
     hidden = (np.arange(NI * NJ) % 17 == 5) & bitmap
     return b"".join(
-        grib_message(
-            edition,
+        build(
             grid,
-            packing,
             np.where(hidden, np.nan, values),
+            edition=edition,
+            parameter="uv"[number % 2],
             level=int(LEVELS[number // 2]),
-            v=number % 2,
+            packing=packing,
+            **RUN,
         )
         for number, values in enumerate(fields())
     )
 
 
-def _message(keys: dict[str, Any], values: np.ndarray, pv: np.ndarray | None = None) -> bytes:
-    return _encoded("GRIB2", {"forecastTime": 3} | keys, values, pv=pv)
-
-
 def _model_levels(path: Path) -> None:
     pv = np.concatenate([np.zeros(7), np.linspace(0.2, 1.0, 7)])
-    level = LATLON | {"typeOfFirstFixedSurface": 105, "discipline": 0}
+    level = {"typeOfFirstFixedSurface": 105}
     made = [
-        _message(
-            level | {"parameterCategory": 2, "parameterNumber": 2 + n, "level": k + 1}, one[k], pv
-        )
+        build(LATLON, wind[k].ravel(), parameter=name, level=k + 1, extra=level, pv=pv, **RUN)
         for k in range(6)
-        for n, one in enumerate(_winds(6))
+        for name, wind in zip("uv", _winds(6), strict=True)
     ]
-    surface = level | {"parameterCategory": 3, "parameterNumber": 25, "level": 1}
-    made.append(_message(surface, np.full((NJ, NI), np.log(98_000.0)), pv))
+    surface = {"parameterCategory": 3, "parameterNumber": 25, "level": 1}
+    log_pressure = np.full(NJ * NI, np.log(98_000.0))
+    made.append(build(LATLON, log_pressure, extra=surface | level, pv=pv, **RUN))
     path.write_bytes(b"".join(made))
 
 
@@ -258,11 +207,12 @@ def _gaussian(path: Path) -> None:
     }
     y, x = np.mgrid[0:32, 0:64]
     made = [
-        _message(
-            grid
-            | {"discipline": 0, "parameterCategory": 2, "parameterNumber": 2 + n}
-            | {"typeOfLevel": "isobaricInhPa", "level": int(level)},
-            12.0 - 16 * n + 6 * np.sin(x / 4 + level) + 4 * np.cos(y / 5),
+        build(
+            grid,
+            (12.0 - 16 * n + 6 * np.sin(x / 4 + level) + 4 * np.cos(y / 5)).ravel(),
+            parameter="uv"[n],
+            level=int(level),
+            **RUN,
         )
         for level in LEVELS
         for n in range(2)
@@ -275,11 +225,12 @@ def _surface(path: Path) -> None:
     y, x = np.mgrid[0:NJ, 0:NI]
     parts = (((0, 0), 2, 285 + 3 * np.sin(x / 4)), ((2, 2), 10, 5 + y / 9), ((2, 3), 10, x / 9))
     made = [
-        _message(
-            LATLON
-            | {"discipline": 0, "parameterCategory": category, "parameterNumber": number}
-            | {"typeOfLevel": "heightAboveGround", "level": height, "forecastTime": lead},
-            values,
+        build(
+            LATLON,
+            values.ravel(),
+            extra={"parameterCategory": category, "parameterNumber": number}
+            | {"typeOfLevel": "heightAboveGround", "level": height},
+            **RUN | {"step": lead},
         )
         for lead in (3, 6)
         for (category, number), height, values in parts

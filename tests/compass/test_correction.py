@@ -20,7 +20,6 @@ from airswing.compass.correction import (
     correction_error,
     deviation_curve,
     error_from_table,
-    heading_histogram,
     unit_interpolation,
     write_tables_csv,
 )
@@ -133,14 +132,6 @@ def test_rounding_to_the_unit_and_refused_fits():
     assert fine["table_correction"].attrs["units"] == "degree"
     zero = add_tables(fits_of([-0.01, 0, 0, 0, 0]), EVEN, resolution=0.1)["table_correction"]
     assert (zero == 0).all() and not np.signbit(zero).any()
-
-
-def test_histogram_counts_used_reports_only():
-    ds = headings_of(np.array([0.5, 359.9, 10.2, np.nan]), np.array([90.0]))
-    ds["screening"][2] = 4
-    counts = heading_histogram(ds).to_numpy()
-    assert counts.sum(axis=1).tolist() == [2, 1]
-    assert counts[0, 0] == counts[0, 359] == counts[1, 90] == 1
 
 
 def test_the_csv_file_has_every_node_and_refused_fits(tmp_path):

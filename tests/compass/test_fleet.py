@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from airswing.compass.fit.deviation import fit_deviation, fit_sums, sum_aircraft
-from airswing.compass.fleet import information, solution
+from airswing.compass.fleet import solution
 from airswing.compass.fleet.field import Blocks
 from airswing.compass.fleet.information import Reference
 from airswing.compass.fleet.solution import (
@@ -170,21 +170,6 @@ def test_a_fleet_summed_in_parts_gives_the_same_fits():
         for a, b in ((0, 2), (2, 3), (3, 5))
     ]
     assert fit_sums(xr.concat(parts, "aircraft")).identical(whole)
-
-
-def test_an_aircraft_without_blocks_on_the_chosen_days_is_fitted_too(monkeypatch):
-    blocks = fleet_blocks(AIRCRAFT, 30, 0)
-    segments = 40_000 + np.arange(120)
-    seldom = segments[(segments % 4 != 0) & (segments % 4 != 2)][10:14]
-    blocks[0] = blocks[0].of(seldom)
-    exact = solve_fleet([[part] for part in blocks], FREE)
-    monkeypatch.setattr(information, "MOST_BLOCKS", 420)
-    one = Reference(blocks, FREE, 40_000 + 4 * np.arange(30))
-    assert one.thinned and not np.isin(one.some.stretch.segments, seldom).any()
-    found = solve_fleet([[part] for part in blocks], FREE)
-    apart = np.abs((found.step - exact.step)[FREE] / spread_of(exact)[FREE])
-    assert apart.max() < 0.5
-    np.testing.assert_allclose(spread_of(found)[FREE], spread_of(exact)[FREE], rtol=0.2)
 
 
 def test_regions_lose_little_of_the_information(monkeypatch):

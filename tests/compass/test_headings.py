@@ -319,18 +319,3 @@ def test_blocks_are_whole_aircraft_and_processes_give_the_same(two_references):
     assert found[0]["heading"].chunks == (tuple(reports["row_size"].to_numpy().tolist()),)
     with dask.config.set(scheduler="processes", num_workers=2):
         xr.testing.assert_identical(found[2].compute(), eager[2])
-
-
-def test_lazy_winds_make_lazy_headings(two_references):
-    reports, winds, eager = two_references
-    with dask.config.set(scheduler=refuse):
-        found = screen(derive_headings(reports, winds.chunk(report=-1)))
-    assert dask.is_dask_collection(found["heading_error"].data)
-    xr.testing.assert_equal(found["heading_error"].compute(), eager[0]["heading_error"])
-
-
-def test_lazy_fits_are_applied_lazily(two_references):
-    _, _, (headings, _, fits, corrected) = two_references
-    with dask.config.set(scheduler=refuse):
-        found = correct(headings, fits.chunk())
-    xr.testing.assert_identical(found.compute(), corrected)

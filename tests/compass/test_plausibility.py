@@ -10,7 +10,6 @@ import yaml
 import airswing
 from airswing import collocate, derive_headings, fleet_wind, read_reports
 from airswing.compass.plausibility import (
-    heading_kind_warnings,
     plausibility,
     plausibility_warnings,
     taken_for,
@@ -243,22 +242,6 @@ def test_offsets_equal_to_the_declination_are_recognised(sign, expected):
     assert taken_for([sign * 12.0], [0.1], [12.0]) == expected  # one aircraft
     # Netherlands 2017, 0.9 degrees east: offsets of Mode-S aircraft are as large
     assert not taken_for(rng.normal(0, 0.7, 50), np.full(50, 0.2), np.full(50, 0.9))
-
-
-def test_fits_whose_offsets_are_the_declination_have_a_warning():
-    one = ("reference", "aircraft")
-    fits = xr.Dataset(
-        {
-            "offset": (one, [[14.2, 13.1, 14.9, 13.6]]),
-            "offset_standard_error": (one, [[0.2] * 4]),
-            "status": (one, [[0] * 4]),
-            "mean_declination": ("aircraft", [-14.0] * 4),
-        },
-        coords={"reference": ["ruc"]},
-    )
-    (line,) = heading_kind_warnings(fits, "ruc")
-    assert "headings taken for true are magnetic" in line and "magnetic_heading_deg" in line
-    assert heading_kind_warnings(fits.assign(offset=fits["offset"] - 13.0), "ruc") == []
 
 
 @pytest.mark.parametrize(("ahead", "said"), [(0.0, ""), (-5.0, "later"), (7.0, "earlier")])

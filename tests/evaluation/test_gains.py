@@ -12,7 +12,6 @@ from airswing.evaluation.gains import (
     cross_validate,
     expected_gain,
     only,
-    predicted_reduction,
     rank_aircraft,
     virtual_field_test,
 )
@@ -78,13 +77,6 @@ def test_nothing_after_the_date_reaches_the_fit(headings):
     )
     assert one["predicted_gain_kt"] == two["predicted_gain_kt"]
     assert one["realised_gain_kt"] != two["realised_gain_kt"]
-
-
-def test_the_prediction_for_a_field_test_uses_the_corrected_aircraft_only(headings):
-    found = predicted_reduction(headings, start=UNTIL, corrected=["N002"], **QUICK)
-    known = next(entry for entry in found["ranking"] if entry["aircraft"] == "N002")
-    assert found["predicted_reduction_kt"] == pytest.approx(known["expected_gain_kt"])
-    assert found["predicted_aircraft"] == 1
 
 
 @pytest.mark.parametrize(
@@ -229,20 +221,3 @@ def test_an_aircraft_without_a_fit_is_last_with_its_reason(ranked):
     assert ranking[-1]["aircraft"] == "N000"
     assert ranking[-1]["rank"] is None
     assert "too_few_reports" in ranking[-1]["why"]
-
-
-@pytest.mark.filterwarnings("error")
-def test_one_day_leaves_the_interval_open(ranked):
-    ds, fits, _ = ranked
-    day = ds["time"].to_numpy().astype("datetime64[D]")
-    few = ds.copy(deep=True)
-    few["screening"][day != day[0]] = 1
-    ranking = rank_aircraft(few, fits, pools={"ruc": ["ruc"]}, reference="ruc")
-    assert np.isfinite(ranking[0]["expected_gain_kt"])
-    assert np.isnan(ranking[0]["expected_gain_ci_kt"]).all()
-
-
-def test_an_unknown_reference_is_named(ranked):
-    ds, fits, _ = ranked
-    with pytest.raises(InputError, match="rr"):
-        rank_aircraft(ds, fits, pools={"ruc": ["ruc"]}, reference="rr")

@@ -130,9 +130,3 @@ def test_statistics_are_those_of_numpy(archive):
     assert float(mean.sel(reference="both", state="reported", aircraft="N1")) == pytest.approx(
         difference.mean()
     )
-
-
-def test_blocks_of_aircraft_make_no_difference(archive, monkeypatch):
-    whole = innovation_statistics(*archive, pools=POOLS)
-    monkeypatch.setattr("airswing.products.ragged.BLOCK_REPORTS", 10)
-    xr.testing.assert_identical(innovation_statistics(*archive, pools=POOLS), whole)

@@ -23,7 +23,6 @@ from airswing.evaluation.monitoring.events import (
     write_events,
 )
 from airswing.evaluation.monitoring.fleet_watch import COMPASS, watch_fleet
-from airswing.evaluation.monitoring.step_test import SINGLE_DAY, corroborated_ratio
 from airswing.products.ragged import aircraft_of_report, some_reports
 from airswing.units import KNOT
 from tests.compass.flown import Setting
@@ -231,16 +230,6 @@ def test_a_fleet_without_a_change_has_no_alarm():
     watch = watched(world, aircraft=30, days=180, seed=21)
     assert watch.tested.alarms == []
     assert not any(entry["changes"] for entry in watch.changes)
-
-
-def test_no_single_day_decides_and_two_do():
-    weight = np.tile(9.0 * np.eye(2), (3, 1, 1))
-    day = np.array([[20.0, 0.0], [0.1, 0.0], [0.0, 0.1]])
-    level, shapes = 0.05 * np.eye(2), np.array([[5.0, 5.0]])
-    assert corroborated_ratio(weight[:1], 9.0 * day[:1], level, shapes) == SINGLE_DAY
-    assert corroborated_ratio(weight, 9.0 * day, level, shapes) <= SINGLE_DAY
-    both = corroborated_ratio(weight[:2], 9.0 * day[[0, 0]], level, shapes)
-    assert both > SINGLE_DAY + 5.0
 
 
 # --- events --------------------------------------------------------------------------------------

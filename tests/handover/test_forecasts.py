@@ -336,10 +336,6 @@ def test_series_one_by_one():
         np.testing.assert_allclose(found[place], wanted, rtol=1e-12)
 
 
-def test_equal_errors_are_no_division_by_zero():
-    assert kalman_bias(np.full(10, 2.5), 0.06)[1:] == pytest.approx(np.full(9, 2.5))
-
-
 def test_running_mean_by_hand():
     errors = np.array([1.0, np.nan, 3.0, 5.0, np.nan, np.nan, np.nan])
     found = running_mean(errors, 3)
@@ -396,12 +392,3 @@ def test_boxes_by_hand():
     assert (chosen["latitude"].item(), chosen["longitude"].item()) == (42.5, -92.5)
     other = found.sel(station="0450_hPa_2.5S_177.5E", variable="eastward_wind")
     np.testing.assert_allclose(other["forecast"], other["observation"])
-
-
-def test_uncorrected_winds_and_thin_boxes_do_not_count():
-    headings, ds = archive(3, 2.0)
-    ds["correction_applied"] = xr.where(ds["longitude"] > 0, 1, 0).astype(np.int8)
-    found = flight_level_pairs(headings, ds, ["ruc"], region=5.0, fewest=6)
-    assert found["station"].to_numpy().tolist() == ["0450_hPa_42.5N_92.5W"]
-    with pytest.raises(InputError, match="no box of 5 degrees has 7"):
-        flight_level_pairs(headings, ds, ["ruc"], region=5.0, fewest=7)

@@ -92,12 +92,6 @@ def test_wraps_by_hand():
     assert triangle.heading_error(-0.0, -1.0, 0.0, 1.0) == np.pi
 
 
-def test_single_precision_is_kept():
-    assert triangle.wrap_degrees(np.float32([190.0])).dtype == np.float32
-    found = triangle.direction_in_degrees(np.float32([-1.0]), np.float32([0.0]))
-    assert found.dtype == np.float32 and found.tolist() == [90.0]
-
-
 def test_calm_and_unknown_winds_have_no_direction():
     speed, direction = triangle.wind_from_direction(0.0, 0.0)
     assert speed == 0.0 and np.isnan(direction)

@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 import subprocess
-import sys
 
 import matplotlib
 import numpy as np
@@ -200,14 +199,6 @@ def test_the_page_of_a_thousand_aircraft_is_small(tmp_path):
     headings, fits = factories.few(1000, 4)
     written = report.write_page(tmp_path, headings=headings, fits=fits)
     assert "N1399" in written.read_text() and written.stat().st_size < 3.5e6
-
-
-def test_importing_the_package_does_not_import_matplotlib():
-    code = "import airswing.report, sys; print('matplotlib' in sys.modules)"
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == "False"
-    with pytest.raises(AttributeError, match="no attribute 'pie_chart'"):
-        _ = report.pie_chart
 
 
 def test_heading_error_figure_draws_the_fit_and_the_table():

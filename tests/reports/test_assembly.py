@@ -100,17 +100,6 @@ def test_given_phases_and_flights_are_kept_and_the_rest_derived(tmp_path):
     assert audit["repaired"] == {"phase_derived": 19}
 
 
-def test_levels_of_a_profile_are_no_conflict_and_follow_the_climb(tmp_path):
-    levels = {9800: -86.6, 1000: -87.0, 3000: -86.9}
-    rows = [
-        row(pressure_altitude_ft=feet, longitude=east, phase="ascent", wind_speed_kt=feet / 1000)
-        for feet, east in levels.items()
-    ]
-    ds, audit = read(tmp_path, rows)
-    assert audit["dropped"] == {}
-    np.testing.assert_allclose(ds["pressure_altitude"] / 0.3048, [1000, 3000, 9800], atol=0.1)
-
-
 def test_a_mean_over_straight_flight_and_the_middle_of_a_turn(tmp_path):
     table = flight(seconds=np.arange(8) * 15.0, longitude=179.99, temperature_degC=-40.0)
     table["heading_deg"] = [359.0, 1, 359, 1, 0, 40, 80, 120]

@@ -150,13 +150,3 @@ def test_the_command_writes_the_committed_files(sample, tmp_path):
     for tail, values in kept["aircraft"].items():
         for name, value in values["deviation"].items():
             assert again["aircraft"][tail]["deviation"][name] == pytest.approx(value, abs=1e-3)
-
-
-@pytest.mark.parametrize("name", ["quickstart", "field_test", "real_winds"])
-def test_configurations_load_and_point_at_the_sample(root, name, monkeypatch):
-    monkeypatch.chdir(root)
-    config = load_config(root / "configs" / f"{name}.yaml")
-    assert len(config.references) == 2
-    if name != "real_winds":
-        for reference in config.references.values():
-            assert any(list(root.glob(pattern)) for pattern in reference.files)

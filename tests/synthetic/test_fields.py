@@ -17,7 +17,6 @@ from airswing.synthetic.fields import (
     ReferenceChange,
     build_reference,
     centred_grid,
-    sample_reference,
     write_reference,
 )
 
@@ -47,17 +46,6 @@ def test_grid_components_point_where_the_grid_does(world):
     lon2, lat2 = projection(x + 50 * grid_u, y + 50 * grid_v, inverse=True)
     azimuth = pyproj.Geod(a=6367470, b=6367470).inv(lon[row, column], lat[row, column], lon2, lat2)
     assert azimuth[0] == pytest.approx(np.degrees(np.arctan2(true_u, true_v)), abs=0.05)
-
-
-def test_nothing_is_extrapolated(world):
-    here = stored(world)
-    outside = {
-        "latitude": np.array([60.0, 42, 42, 42]),
-        "longitude": np.full(4, -85.0),
-        "pressure": np.array([500.0, 950.0, 300.0, 500.0]),
-        "hours": np.array([1.0, 1.0, 1.0, 6.5]),
-    }
-    assert np.isnan(sample_reference(here, **outside)).all()
 
 
 def test_speed_bias_acts_above_its_level_only(world):

@@ -15,7 +15,7 @@ from airswing.config import Compute
 from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.workflow import compute
-from airswing.workflow.progress import Progress, StageRecord, Tasks
+from airswing.workflow.progress import Progress
 
 distributed = pytest.importorskip("distributed")
 
@@ -142,33 +142,3 @@ def test_workers_with_another_airswing_are_refused(answer, refused):
     says = pytest.raises(InputError, match="tcp://b") if refused else contextlib.nullcontext()
     with says:
         compute.require_same_code(Asked())
-
-
-def test_tasks_of_local_threads_are_counted():
-    with Tasks() as tasks, dask.config.set(scheduler="threads"):
-        dask.compute([dask.delayed(pow)(2, n, pure=False) for n in range(12)])
-    assert tasks.done == tasks.total > 10
-
-
-def test_the_accounts_give_the_share_of_decoding():
-    progress = Progress(quiet=True, threads=2)
-    progress.records += [
-        StageRecord("reports", 1.0, bytes_read=3_000_000, reports=1234),
-        StageRecord("collocate", 3.0, messages=42, reports=1200, decoding=4.0),
-    ]
-    assert progress.accounts()["decoding_share"] == pytest.approx(0.5)
-    text = progress.accounts_text()
-    assert "42" in text and "1,234" in text and "50.0%" in text
-
-
-def test_a_stage_gives_its_phases_and_what_each_took():
-    progress = Progress(quiet=True)
-    with progress.stage("diagnose") as stage:
-        stage.enter("statistics", 0.0)
-        sum(range(3_000_000))
-        stage.enter("statistics", 0.5)
-        assert stage.phase == "statistics 50%"
-        stage.enter("search", 0.0)
-    (found,) = progress.accounts()["stages"]
-    assert list(found["phases"]) == ["statistics", "search"]
-    assert found["phases"]["statistics"] > found["phases"]["search"] >= 0.0

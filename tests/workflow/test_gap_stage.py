@@ -148,12 +148,6 @@ def test_an_archive_against_itself_has_no_gap(archive, frame):
     assert start.simulation.matched_by == "aircraft and time"
 
 
-def test_nothing_given_is_the_perfect_instrument(frame):
-    job, archive_frame = frame
-    start = begin(job, archive_frame)
-    assert start.frame is archive_frame and not start.known_entries and start_words([]) == ""
-
-
 @pytest.mark.parametrize(
     ("option", "content", "message"),
     [

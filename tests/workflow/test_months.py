@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,7 +21,6 @@ from airswing.products.whole_files import workspace
 from airswing.reference.collocate import collocate
 from airswing.reference.files import SourceFile
 from airswing.workflow import months
-from airswing.workflow.months import catalogues
 from airswing.workflow.progress import Progress
 
 HOURS, REPORTS, AIRCRAFT = 24 * 66, 4_000, 4
@@ -298,29 +296,6 @@ def test_all_products_open_as_one_tree(whole):
         xr.testing.assert_identical(opened.load(), read)
 
 
-def test_the_virtual_field_test_is_made_when_a_month_begins(archive, whole, monkeypatch):
-    from airswing.workflow import stages
-
-    kept_from(archive, whole)
-    calls = []
-    monkeypatch.setattr(stages, "make_virtual", lambda job, *_: calls.append(job) or {"later": {}})
-
-    def night(*patterns):
-        before = len(calls)
-        for path in days(archive, *patterns):
-            path.unlink()
-        job = job_of(archive)
-        headings = workflow.make_headings(job)
-        stages.virtual_of_month(job, headings, headings, [])
-        (job.output / "virtual_field_test.json").write_text("{}")
-        return len(calls) - before
-
-    assert night() == 1
-    assert night("2009-03-07*") == 0  # the last month alone
-    assert night("2009-02-10*") == 1  # an earlier month
-    assert night("2009-03*") == 1  # another number of months
-
-
 def test_duplicates_around_the_end_of_a_month_are_counted_once(archive):
     (day,) = days(archive, "2009-01-31*")
     table = pd.read_parquet(day)
@@ -344,12 +319,3 @@ def test_a_zarr_store_counts_by_its_chunks(tmp_path):
     assert sizes() == ["6"]  # bytes, and one for each file
     (tmp_path / "u" / "0.1").write_bytes(b"")
     assert sizes() == ["7"]
-
-
-def test_catalogues_are_made_once_and_for_the_references_of_the_job(archive):
-    job = job_of(archive)
-    (first, asked), *_ = job.config.references.items()
-    config = job.config.model_copy(update={"references": {"other": asked}})
-    made = catalogues(job)
-    assert first in made and catalogues(job) is made
-    assert set(catalogues(replace(job, config=config))) == {"other"}

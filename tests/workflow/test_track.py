@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import airswing
 from airswing.cli import app
 from airswing.errors import InputError
-from airswing.workflow.inspection import as_text, inspect_file
+from airswing.workflow.inspection import inspect_file
 from airswing.workflow.main import summary_text
 
 LATITUDE, LONGITUDE = np.arange(40.0, 45.1, 0.5), np.arange(-92.0, -83.9, 0.5)
@@ -128,13 +128,6 @@ def test_a_product_of_grib_files_is_a_product_and_half_of_it_is_named(tmp_path):
 def test_a_table_that_speaks_of_grib_is_reports(tmp_path):
     found = inspect_file(write(tmp_path / "a.csv", [row(tail="GRIB1"), row(tail="N2")]))
     assert (found["kind"], found["aircraft"]) == ("reports", 2)
-
-
-def test_text_omits_what_is_empty_and_rounds_numbers():
-    grid = {"kind": "latlon", "range": [38.28880756535601, 46.0], "gaps": {}}
-    found = {"grids": [grid], "skipped": [], "names": ["a", "b"], "format": None}
-    expected = "grids:\n  kind: latlon, range: [38.28881, 46]\nnames: a, b"
-    assert as_text(found | {"audit": {"dropped": {}}}) == expected
 
 
 # --- summary -----------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ from tests.compass.flown import Setting, fleet_deviations, fly
 
 from airswing.compass.correction import add_tables, correct, curve_standard_error, write_tables_csv
 from airswing.compass.fit.deviation import fit_deviation
-from airswing.compass.fit.kernel import degrees_of_freedom, influences, inverse_root
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, STATUS, published
 from airswing.gap.simulation.effects_file import effects_of_fits
@@ -210,24 +209,6 @@ def test_without_gross_errors_the_fit_is_least_squares_of_the_vector():
     assert (np.abs(apart) < 0.35 * error).all()  # 95 % efficiency
     assert fits["airspeed_scale"].item() == pytest.approx(best[5], abs=1e-3)
     assert fits["reference_bias"].to_numpy() == pytest.approx(best[6:], abs=0.1)
-
-
-def test_cr2_is_unbiased_where_the_working_model_holds():
-    rng = np.random.default_rng(8)
-    x = np.column_stack([np.ones(60), rng.normal(size=60)])
-    cluster = np.repeat(np.arange(6), 10)
-    normals = np.array([x[cluster == g].T @ x[cluster == g] for g in range(6)])
-    normal = normals.sum(axis=0)
-    found = np.zeros((2, 2))
-    for _ in range(2000):
-        y = rng.normal(size=60)
-        residual = y - x @ np.linalg.solve(normal, x.T @ y)
-        score = np.array([x[cluster == g].T @ residual[cluster == g] for g in range(6)])
-        influence = influences(score, inverse_root(normal), normals, 1.0)
-        found += influence.T @ influence / 2000
-    assert np.diag(found) == pytest.approx(np.diag(np.linalg.inv(normal)), rel=0.08)
-    even = np.array([np.eye(2)] * 6)
-    assert degrees_of_freedom(even.sum(axis=0), even, 6) == pytest.approx([5, 5])
 
 
 def statuses(size, seeds, **setting):

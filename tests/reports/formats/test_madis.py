@@ -158,18 +158,3 @@ def test_a_file_that_xarray_wrote_again_reads_the_same(tmp_path, real, format):
     with netCDF4.Dataset(tmp_path / "again.nc") as file:
         assert file["en_tailNumber"].ndim == 3  # xarray adds a dimension of one
     xr.testing.assert_equal(read_reports(tmp_path / "again.nc"), read_reports(real(REAL)))
-
-
-@pytest.mark.parametrize(
-    ("name", "values", "message"),
-    [
-        ("windSpeed", ("recNum", np.array(list("1234"), "S1")), "holds no numbers"),
-        ("altitude", ("levels", np.ones(3)), "not one value a report"),
-        ("rollFlag", (("recNum", "levels"), np.ones((4, 3), "i1")), "not one value a report"),
-    ],
-)
-def test_a_variable_of_another_type_or_shape_is_named(tmp_path, name, values, message):
-    with xr.open_dataset(made(tmp_path / "a.nc"), decode_times=False) as raw:
-        raw.assign({name: values}).to_netcdf(tmp_path / "b.nc")
-    with pytest.raises(InputError, match=f"{name}: .*{message}"):
-        read_reports(tmp_path / "b.nc")

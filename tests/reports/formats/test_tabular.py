@@ -12,7 +12,6 @@ from tests.reports.tables import audit_of, flight, row, write
 
 from airswing.errors import InputError
 from airswing.reports import read_reports
-from airswing.reports.formats import tabular
 
 CSV = flight().to_csv(index=False)
 
@@ -48,13 +47,6 @@ def test_unreadable_numbers_are_missing_and_counted(tmp_path):
     assert audit["repaired"]["latitude_unparsable"] == 1
     assert audit["dropped"] == {"missing_position": 1}
     assert audit["missing"]["eastward_wind"] == 2
-
-
-def test_pieces_do_not_show(tmp_path, monkeypatch):
-    path = write(tmp_path / "a.csv", flight(seconds=np.arange(50) * 60.0))
-    whole = read_reports(path)
-    monkeypatch.setattr(tabular, "ROWS_PER_PIECE", 7)
-    xr.testing.assert_identical(read_reports(path), whole)
 
 
 def parquet_without_rows(path):
