@@ -195,15 +195,6 @@ def test_a_bad_model_file_among_good_ones_is_counted_and_named(archive, tmp_path
     assert Path(audit["skipped"][0]["file"]).name in ("p012.grb", "readme.txt")
 
 
-def test_two_files_of_the_same_time_say_which_is_used(archive, tmp_path):
-    path = spoiled(archive, tmp_path, lambda m: shutil.copy(m / "p012.grb", m / "z012.grb"))
-    assert call("collocate", path, "--quiet") == 0
-    with open_product(tmp_path / "out/headings") as headings:
-        notes = json.loads(headings.attrs["reference_audit"])["model"]["notes"]
-    assert len(notes) == 1
-    assert "z012.grb is used" in notes[0] and "p012.grb" in notes[0]
-
-
 GROUPS = {"start": "2009-02-28", "before_start": "2009-02-27"}
 GROUPS |= {"corrected": ["S1"], "controls": ["S2", "S3"]}
 

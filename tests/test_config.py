@@ -113,13 +113,6 @@ def test_a_missing_key_is_named(tmp_path):
         load_config(write(tmp_path, two))
 
 
-def test_a_configuration_prints_itself_in_a_few_lines():
-    text = str(load_config("configs/quickstart.yaml"))
-    assert text.startswith("Config:\n  reports: data_samples/reports")
-    assert "references: ruc, rtfdaa" in text
-    assert len(text.splitlines()) < 10
-
-
 def test_quantities():
     assert quantity("0.1 arcmin", "radian") == pytest.approx(math.radians(0.1 / 60))
     assert quantity("1 kt", "meter / second") == pytest.approx(0.514444, abs=1e-6)

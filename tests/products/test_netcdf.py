@@ -1,16 +1,20 @@
-"""Products: whole or absent, described, and the same when read back."""
+"""Products: whole or absent, described, the same when read back; damaged NetCDF is refused."""
 
 import resource
 import signal
+import struct
 
 import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
 
+import airswing
 from airswing.errors import InputError
 from airswing.flags import SCREENING
+from airswing.products.damaged_netcdf import require_sound, written_here
 from airswing.products.netcdf import as_stored, read_product, write_product
+from airswing.products.ragged import aircraft_of_report, row_bounds
 from airswing.products.whole_files import atomic, plain, write_json
 from airswing.vocabulary import lookup
 
@@ -105,3 +109,60 @@ def test_a_heading_rounded_to_360_is_north():
     np.testing.assert_array_equal(
         as_stored(ds)["heading"], np.array([0.0, 359.990234375, np.nan, 0.0], dtype="f4")
     )
+
+
+def test_the_reports_of_each_aircraft():
+    ds = xr.Dataset(
+        {"time": ("report", np.arange(5)), "row_size": ("aircraft", np.array([2, 0, 3]))},
+        coords={"aircraft": ["N1", "N2", "N3"]},
+    )
+    start, stop = row_bounds(ds["row_size"].to_numpy())
+    assert start.tolist() == [0, 2, 2] and stop.tolist() == [2, 2, 5]
+    assert aircraft_of_report(ds).tolist() == [0, 0, 2, 2, 2]
+    assert airswing.aircraft_reports(ds, "N3")["time"].values.tolist() == [2, 3, 4]
+    assert airswing.aircraft_reports(ds, "N2").sizes["report"] == 0
+    with pytest.raises(KeyError, match="known: N1, N2, N3"):
+        airswing.aircraft_reports(ds, "N9")
+
+
+def written(path, kind, records=7):
+    with netCDF4.Dataset(path, "w", format=kind) as file:
+        file.createDimension("time", None)
+        file.createDimension("x", 5)
+        file.title = "three words"
+        file.createVariable("x", "f8", ("x",))[:] = np.arange(5.0)
+        for name, numbers in (("a", "i2"), ("b", "f4")):
+            file.createVariable(name, numbers, ("time", "x"))[:] = np.ones((records, 5))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"])
+def test_a_count_of_records_that_is_not_there_is_refused(kind, tmp_path):
+    require_sound(written(tmp_path / "b.nc", kind, records=0))
+    path = written(tmp_path / "a.nc", kind)
+    require_sound(path)
+    data = bytearray(path.read_bytes())
+    wide = kind == "NETCDF3_64BIT_DATA"
+    data[4 : 12 if wide else 8] = struct.pack(">Q" if wide else ">I", 9)
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="9 records"):
+        require_sound(path)
+
+
+def test_every_cut_of_a_header_is_refused(tmp_path):
+    path = written(tmp_path / "a.nc", "NETCDF3_CLASSIC")
+    data = path.read_bytes()
+    for length in range(4, 200, 7):
+        path.write_bytes(data[:length])
+        with pytest.raises(InputError, match="damaged"):
+            require_sound(path)
+
+
+def test_a_cut_hdf5_file_is_refused_and_one_this_process_wrote_is_not_opened(tmp_path):
+    path = written(tmp_path / "a.nc", "NETCDF4")
+    require_sound(path)
+    path.write_bytes(path.read_bytes()[:2000])
+    with pytest.raises(InputError, match="a damaged NetCDF file"):
+        require_sound(path)
+    written_here(path)
+    require_sound(path)

@@ -111,23 +111,6 @@ def test_u_and_v_on_different_grids_are_no_wind(tmp_path):
         build_catalogue(path, name="x", cache_dir=tmp_path)
 
 
-def test_bad_files_are_skipped_or_refused(tmp_path):
-    good = profile()
-    write(tmp_path / "a.grib", *good)
-    write(tmp_path / "b.grib", b"not a grib file")
-    write(tmp_path / "c.grib", *profile(when=(20090801, 1500)), good[0][:60])
-    pattern = str(tmp_path / "*.grib")
-    catalogue = build_catalogue(pattern, name="x", cache_dir=tmp_path / "cache")
-    found = {(Path(s["file"]).name, s["what"], s["reason"]) for s in catalogue.skipped}
-    assert found == {
-        ("b.grib", "file", "no whole GRIB message"),
-        ("c.grib", "message", "truncated message"),
-    }
-    assert len(catalogue) == 2
-    with pytest.raises(InputError, match=r"b\.grib"):
-        build_catalogue(pattern, name="x", cache_dir=tmp_path / "cache", on_bad_file="fail")
-
-
 def test_copies_of_a_field_count_once_and_the_note_names_the_file(tmp_path):
     first = np.arange(176.0) / 4
     write(tmp_path / "a.grib", build(LATLON, first), build(LATLON, first, parameter="v"))

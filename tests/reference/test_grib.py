@@ -17,7 +17,7 @@ from airswing.reference.grib.values import (
     field_message,
     sparse_values,
 )
-from airswing.reference.winds import HYBRID, ISOBARIC, PRESSURE, U, V
+from airswing.reference.winds import ISOBARIC, U, V
 from tests.reference.builders import LAMBERT, LATLON, build, write
 
 WRF = "grib/wrf_ruc13_g212/"
@@ -158,14 +158,7 @@ def test_parameters_of_edition_1(table, centre, parameter, kind, tmp_path):
     assert [row.kind for row in fields] == ([] if kind is None else [kind])
 
 
-def test_native_levels_and_scaled_levels(tmp_path):
-    wind, pressure = bytearray(build(LATLON, edition=1)), bytearray(build(LATLON, edition=1))
-    for message in (wind, pressure):
-        message[8 + 9], message[8 + 10 : 8 + 12] = 109, (7).to_bytes(2, "big")
-    pressure[8 + 8] = 1
-    fields = scan_file(write(tmp_path / "x", bytes(wind), bytes(pressure))).fields
-    found = [(row.kind, row.level_kind, row.level) for row in fields]
-    assert found == [(U, HYBRID, 7.0), (PRESSURE, HYBRID, 7.0)]
+def test_scaled_levels_and_layers(tmp_path):
     fine = {"scaleFactorOfFirstFixedSurface": 1, "scaledValueOfFirstFixedSurface": 500125}
     layer = {"typeOfSecondFixedSurface": 100, "scaleFactorOfSecondFixedSurface": 0}
     layer["scaledValueOfSecondFixedSurface"] = 60000

@@ -12,9 +12,9 @@ from airswing.report import html, write_gap_page
 from airswing.report.gap import words
 from airswing.report.gap.figures import gap_figures
 from airswing.report.gap.gap_page import ShownDiagnosis
-from airswing.report.gap.words import headline, parameters_text, verdict, who_text
+from airswing.report.gap.words import headline, parameters_text, verdict
 from tests.report import gap_factories
-from tests.report.gap_factories import TAILS, content, effect, iron, place, slice_entry
+from tests.report.gap_factories import TAILS, content, effect, iron, place
 from tests.report.pages import Drawn, check_figure, check_no_knots, check_page, labels
 
 MAPS = gap_factories.maps()
@@ -52,27 +52,15 @@ def test_headlines(expected):
     assert verdict(HEADLINES[expected]).startswith(text)
 
 
-def test_the_headline_shows_the_closure_in_digits_that_differ_and_in_any_unit():
-    small = content(iron("N401"), closure={"before": 5.0141, "after": 5.0122})
-    assert headline(small).endswith("5.014 → 5.012 kt.")
-    assert headline(content(iron("N401")), units="m/s").endswith("4.3 → 3.2 m/s.")
-
-
 def test_the_verdict_has_a_line_for_every_finding():
     closure = {"reduction": 1.2, "reduction_ci": [1.0, 1.4]}
     first, second, third = verdict(
         content(iron("N401", "N402", closure=closure), places=[place()])
     ).splitlines()
     assert first.startswith("Hard iron on N401 and N402 and an unexplained error by temperature")
-    assert second == (
-        "  Hard iron on N401 and N402: amplitude 3.9 ± 0.4°, phase 40 ± 2°, probability 0.99, "
-        "closes 1.20 kt (1.00 to 1.40)."
-    )
-    assert third == (
-        "  Unexplained error by temperature, across the heading, on N403, N404 and N405: linear in "
-        "temperature; closes 3.30 kt (3.00 to 3.60); no catalogue effect fits (closest: TAS scale, "
-        "22 %)."
-    )
+    assert "amplitude 3.9 ± 0.4°" in second and "closes 1.20 kt (1.00 to 1.40)" in second
+    parts = ("N403, N404 and N405", "closes 3.30 kt (3.00 to 3.60)", "closest: TAS scale, 22 %")
+    assert all(part in third for part in parts)
     swap = effect("tail_swap", "N1", "N2", parameters={"pair": ["N1", "N2"]})
     assert verdict(content(swap)).endswith("Tail swap on N1 and N2: probability 0.99.")
 
@@ -83,18 +71,6 @@ def test_the_verdict_says_what_is_likely_and_what_could_remain_unseen():
     assert "Likely but not confirmed: TAS scale (0.89)." in verdict(gap)
     assert verdict(gap).count("confirmed") == 1
     assert "could close up to 0.051 kt without being detected" in verdict(gap)
-
-
-def test_the_verdict_says_what_the_diagnosis_started_from():
-    known = {"source": "effects.yaml", "effects": [{}]}
-    known |= {"disagreement_without_kt": 9.0, "disagreement_with_kt": 8.0}
-    simulation = {"source": "sim.csv", "matched": 1200, "of": 1300, "matched_by": "report"}
-    text = verdict(content(known=[known], simulation=simulation))
-    assert "(1,200 of 1,300 reports matched)" in text
-    assert "The simulation contains 1 known effect of effects.yaml (9.0 → 8.0 kt). No" in text
-    assert "(4.6 → 4.1 m/s)" in verdict(content(known=[known]), units="m/s")
-    simulation["matched_by"] = "distribution"
-    assert "flew other paths" in verdict(content(simulation=simulation))
 
 
 @pytest.mark.parametrize(
@@ -114,41 +90,6 @@ def test_the_verdict_says_what_the_diagnosis_started_from():
 def test_parameters_carry_their_unit_and_95_percent_interval(name, value, error, text):
     found = effect("x", parameters={name: value}, standard_errors={name: error})
     assert parameters_text(found) == text
-
-
-def test_parameters_of_several_aircraft_are_a_range_where_they_differ():
-    def pair(one, two):
-        each = {"N1": {"parameters": one}, "N2": {"parameters": two}}
-        return parameters_text(iron("N1", "N2", per_tail=each))
-
-    second = {"amplitude_deg": 5.92, "phase_deg": -50.0}
-    assert pair({"amplitude_deg": 1.14, "phase_deg": 170.0}, second) == "amplitude 1.1 to 5.9°"
-    near = {"amplitude_deg": 5.8, "phase_deg": -51.0}
-    assert pair(near, second) == "amplitude 3.9 ± 0.4°, phase 40 ± 2°"
-    # 178 and -179 degrees differ by 3.
-    across = pair({"phase_deg": 178.0}, {"phase_deg": -179.0})
-    assert across == "amplitude 3.9 ± 0.4°, phase 40 ± 2°"
-
-
-def test_words():
-    periods = {
-        "from 2009-07-20": ["2009-07-20T00:00", None],
-        "until 2009-08-01": [None, "2009-08-01"],
-        "from 2009-07-01 to 2009-07-09": ["2009-07-01", "2009-07-09"],
-    }
-    for text, period in periods.items():
-        assert words.period_text(effect("x", period=period)) == text
-    values = (0.0213, 4e-25, None)
-    assert [words.p_text(value) for value in values] == ["= 0.021", "< 1e-06", "unknown"]
-    assert who_text(effect("declination_error", *TAILS, scope="fleet")) == "all aircraft"
-    assert who_text(effect("hard_iron", *TAILS), 14) == "all 14 aircraft"
-    assert who_text(effect("hard_iron", *TAILS[:3]), 14) == "N401, N402 and N403"
-    assert who_text(effect("hard_iron", *TAILS[:9])).endswith("N406 and 3 more")
-    assert who_text(effect("reference_speed_bias", *TAILS)) == "the reference"
-    one = slice_entry("longitude", ["-90.1", "-87.6"], 0.1, 0.1)
-    assert words.slice_words(one) == "longitude, both components"
-    one = slice_entry("aircraft", ["N401"], 0.1, 0.1)
-    assert words.slice_words(one) == "aircraft, both components: N401"
 
 
 @pytest.mark.parametrize("name", CATALOGUE)

@@ -7,13 +7,8 @@ from airswing.errors import InputError
 from airswing.flags import SCREENING, STATUS
 from airswing.report.run import selection
 from airswing.report.run.heading_error import binned_medians, sector_counts
-from airswing.report.run.reading_warnings import (
-    model_reasons,
-    model_warnings,
-    reading_warnings,
-)
 from airswing.report.run.selection import Run
-from airswing.reports.audit import Audit, similar
+from airswing.reports.audit import similar
 from tests.report import factories
 from tests.report.factories import POOL
 
@@ -156,39 +151,6 @@ def test_binned_medians_and_sectors_by_hand():
 
 
 # --- warnings ----------------------------------------------------------------------------------
-
-SKIPPED = [
-    {"file": "/a/one.grb", "what": "message", "reason": "truncated message", "count": 1},
-    {"file": "/a/two.grb", "what": "wind", "reason": "u not on pressure levels", "count": 8},
-    {"file": "/a/three.grb", "what": "wind", "reason": "u not on pressure levels", "count": 4},
-    {"file": "/a/x.grb", "what": "file", "reason": "no whole GRIB message", "count": 1},
-]
-
-
-def test_model_files_by_reason_the_most_files_first():
-    assert model_reasons(SKIPPED) == [
-        "left out: u not on pressure levels, 12 times in two.grb and 1 more files",
-        "left out: truncated message, 1 times in one.grb",
-        "left out: no whole GRIB message, in x.grb",
-    ]
-    assert model_warnings(SKIPPED) == model_reasons([SKIPPED[0], SKIPPED[3]])
-
-
-def test_reports_left_out_are_counted_by_reason_the_most_first():
-    audit = Audit(read=2000, files_skipped=[{"file": "b.csv", "reason": "b.csv: is empty"}])
-    audit.formats["csv"] = 3
-    audit.similar_tails = [["N401", "n401"]]
-    for reason, number in {"ragged_row": 3, "unparsable_time": 1200, "averaged": 500}.items():
-        audit.drop(reason, number)
-    audit.example("pressure_altitude", "28,890")
-    *lines, tails = reading_warnings(audit.as_dict())
-    assert lines == [
-        "1 of 4 report files left out; the first: b.csv: is empty",
-        "1,203 of 2,000 reports left out: unparsable time 1,200, ragged row 3",
-        "values that cannot be read: pressure_altitude such as '28,890'",
-    ]
-    assert "different aircraft: 'N401', 'n401'" in tails
-    assert reading_warnings(Audit().as_dict()) == reading_warnings({}) == []
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The page of a run: whole, self-contained, headline first; every figure says what it shows."""
+"""The page of a run and its maps: whole, self-contained, headline first; what figures show."""
 
 import json
 import re
@@ -9,13 +9,17 @@ import matplotlib
 import numpy as np
 import pytest
 import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
 
 import airswing.report as report
 from airswing.errors import InputError
 from airswing.evaluation import Evaluation
 from airswing.evaluation.innovations import innovation_statistics
 from airswing.flags import STATUS
+from airswing.products import ragged
 from airswing.report import html
+from airswing.report.html import maps
 from airswing.report.run import page
 from airswing.report.run.innovations import innovations_section
 from airswing.report.run.selection import Run
@@ -82,13 +86,6 @@ def test_all_products_become_sections_in_the_unit_that_is_asked_for(pages):
     assert text.count("a pool and one of its members") == 2
     assert f"{tested['adjusted_reduction_kt'] * 1852 / 3600:.2f} m/s" in metric
     check_no_knots(metric)
-
-
-def test_speeds_are_shown_in_the_unit_that_is_asked_for(pages):
-    knots, metric = (pages[units][1]["disagreement"].axes[0] for units in ("kt", "m/s"))
-    assert knots.get_xlabel().endswith("(kt)") and metric.get_xlabel().endswith("(m/s)")
-    one, other = (np.asarray(axes.lines[0].get_xdata()) for axes in (knots, metric))
-    assert np.allclose(other, one * 1852 / 3600)
 
 
 def test_innovation_figures_show_the_statistics_of_the_product(pages):
@@ -258,3 +255,62 @@ def test_the_search_finds_names_and_statuses_and_no_numbers(tmp_path, monkeypatc
     assert begin == [name for name in names if name.startswith("N40")]
     assert status == [cells[0] for cells in rows if "coverage" in cells[-1]] and status
     assert every == names
+
+
+@pytest.mark.parametrize(
+    ("layer", "longitude", "latitude"),
+    [
+        ("coast", -0.1, 5.6),  # Accra, on the Gulf of Guinea
+        ("coast", 18.4, -34.3),  # Cape of Good Hope
+        ("lake", -87.6, 41.9),  # Chicago, on Lake Michigan
+        ("state", -90.6, 41.5),  # the Mississippi between Iowa and Illinois
+        ("border", -122.8, 49.0),  # the 49th parallel on the Pacific
+    ],
+)
+def test_lines_pass_where_the_earth_has_them(layer, longitude, latitude):
+    points = np.concatenate(maps.lines()[layer])
+    assert np.hypot(*(points - [longitude, latitude]).T).min() < 0.4
+
+
+def test_views_across_the_antimeridian_are_narrow_and_lines_split_at_the_seam():
+    view = maps.view_of([175.0, 179.0, -178.0, -175.0], [50.0, 52.0, 53.0, 51.0])
+    assert view.east - view.west < 20
+    assert np.diff(view.unwrapped([179.0, -179.0])) == pytest.approx(2.0)
+    for part in maps.lines_in(maps.View(100.0, 260.0, -60.0, 60.0), "coast"):
+        assert np.abs(np.diff(part[:, 0])).max() < 180
+    world = maps.view_of([np.nan], [np.nan])
+    assert (world.west, world.east, world.south, world.north) == (-180, 180, -90, 90)
+
+
+@given(
+    st.lists(st.floats(-180, 179.9), min_size=1, max_size=8), st.floats(-80, 80), st.floats(0, 8)
+)
+def test_every_point_lies_in_its_view(longitude, south, height):
+    latitude = np.linspace(south, min(south + height, 90), len(longitude))
+    view = maps.view_of(longitude, latitude)
+    x = view.unwrapped(longitude)
+    assert np.all((x >= view.west - 0.1) & (x <= view.east + 0.1))
+    assert np.all((latitude >= view.south - 1e-9) & (latitude <= view.north + 1e-9))
+    assert view.east - view.west <= 360.0
+
+
+def test_large_archives_are_thinned_evenly_and_counted_in_full(monkeypatch):
+    monkeypatch.setattr(ragged, "BLOCK_REPORTS", 70)
+    monkeypatch.setattr(maps, "MOST_DRAWN", 100)
+    number = np.arange(600)
+    archive = xr.Dataset(
+        {
+            "row_size": ("aircraft", np.full(12, 50)),
+            "longitude": ("report", number % 30 - 90.0),
+            "latitude": ("report", number % 10 + 40.0),
+            "phase": ("report", number % 4),
+            "pressure": ("report", 50_000.0 + number),
+        }
+    )
+    show = Drawn()
+    maps.places_section(archive, show)
+    figure = show.made["map"]
+    assert "n = 600 reports of 12 aircraft" in figure.caption
+    assert "One report in 6 is drawn." in figure.caption
+    drawn = figure.axes[0].collections[0].get_offsets()
+    assert np.allclose(np.asarray(drawn)[:, 0], number[::6] % 30 - 90.0)

@@ -4,7 +4,6 @@ from collections import Counter
 from datetime import datetime
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from airswing.blind_check.score import draws
@@ -27,7 +26,6 @@ from airswing.synthetic.sealed.cases import plan_cases as plan
 from airswing.synthetic.sealed.draws import START, Drawn, World, draw_effect
 from airswing.synthetic.sealed.sealed_archives import (
     Archivist,
-    sensor_record,
     write_model_case,
 )
 
@@ -79,20 +77,6 @@ def test_the_plan_follows_from_its_seed_and_has_short_worlds(planned):
     assert {"null", "single", "outside"} <= {case.kind for case in short}
 
 
-def test_kinds_and_variants_of_cases(planned):
-    pairs, removed, outside = (
-        [case for case in planned if case.kind == kind] for kind in ("pair", "removed", "outside")
-    )
-    assert removed and outside
-    assert all(len({part.name for part in case.drawn}) == 2 for case in pairs)
-    assert all(case.without == (case.drawn[0].name,) for case in removed)
-    assert all(case.without == () and case.drawn[0].name == "outside" for case in outside)
-    assert {"fleet", "form", "last week"} <= {case.variant for case in planned if case.rung == 1}
-    same = [case for case in pairs if case.variant == "same aircraft"]
-    assert 5 < len(same) < len(pairs) - 5
-    assert all(case.drawn[0].tails == case.drawn[1].tails for case in same)
-
-
 @pytest.mark.parametrize("name", DRAWS)
 def test_the_generator_takes_every_draw(name):
     for seed in range(4):
@@ -102,29 +86,6 @@ def test_the_generator_takes_every_draw(name):
         known = {p.name for p in CATALOGUE[name].parameters} if name in CATALOGUE else None
         chosen = next(effect for effect in drawn.effects if effect["name"] == name)
         assert known is None or set(chosen["parameters"]) <= known
-
-
-def test_variants():
-    assert set(draw("hard_iron", variant="fleet").tails) == set(TAILS)
-    assert draw("heater_current", variant="form").effects[0]["parameters"]["between_degC"]
-    assert draw("acceleration_error", variant="form").effects[0]["parameters"]["by_phase"] is True
-    below = draw("reference_speed_bias", variant="form").effects[0]["parameters"]
-    assert below["above_hPa"] is None and 600 <= below["below_hPa"] <= 800
-    for name in ("compass_step", "compass_drift", "tail_swap"):
-        chosen = draw(name, variant="last week").effects[-1]
-        assert 2 <= 40 - (datetime.fromisoformat(chosen["period"][0]) - START).days <= 6
-    assert draw("compass_offset", among=["N403"]).tails == ("N403",)
-    assert draw("declination_error", among=["N403"]).tails is None
-
-
-def test_a_swap_comes_with_the_opposite_deviations_that_make_it_visible():
-    drawn = draw("tail_swap")
-    first, second, swap = drawn.effects
-    assert {first["tails"][0], second["tails"][0]} == set(swap["tails"]) == set(drawn.tails)
-    turn = second["parameters"]["phase_deg"] - first["parameters"]["phase_deg"]
-    assert turn == pytest.approx(180.0)
-    when = datetime.fromisoformat(swap["period"][0])
-    assert 0.2 * 40 <= (when - START).days <= 0.8 * 40
 
 
 KNOT = 1852.0 / 3600.0
@@ -274,36 +235,6 @@ def test_the_true_closure_is_that_of_the_twin_without_the_effect(tmp_path):
         used = (frame["temperature_qc"] == "pass") & u.notna()
         assert label["closure"][name] == pytest.approx(np.hypot(u, v)[used].mean() / KNOT, rel=1e-9)
     assert label["closure"]["before"] > label["closure"]["after"] + 0.3
-
-
-def record(seconds=3000, noise=0.5, seed=0):
-    """A made-up G1000 record: circles in a steady wind, a deviation curve, known noise."""
-    rng = np.random.default_rng(seed)
-    heading = np.radians(np.arange(seconds) * 0.7 % 360)
-    error = np.radians(2.0 + 3.0 * np.sin(heading) + noise * rng.normal(size=seconds))
-    true = heading - error
-    east = 60.0 * np.sin(true) + 5.0
-    north = 60.0 * np.cos(true) - 8.0
-    return pd.DataFrame(
-        {
-            "HDG": np.degrees(heading),
-            "TRK": np.degrees(np.arctan2(east, north)) % 360,
-            "TAS": np.full(seconds, 60.0 / KNOT),
-            "GndSpd": np.hypot(east, north) / KNOT,
-            "AltMSL": np.full(seconds, 3000.0) + np.arange(seconds) % 7,
-            "Roll": np.zeros(seconds),
-        }
-    )
-
-
-def test_residuals_of_a_record_are_its_noise_without_its_deviation():
-    noisy, silent = sensor_record(record(noise=0.5)), sensor_record(record(noise=0.0))
-    assert np.degrees(noisy.heading_error).std() == pytest.approx(0.5, rel=0.06)
-    assert np.degrees(np.abs(silent.heading_error)).max() < 0.06
-    bins = (np.mod(noisy.magnetic, 2 * np.pi) / (2 * np.pi) * 36).astype(int)
-    for error in (noisy.heading_error, noisy.airspeed_error):
-        means = np.bincount(bins, error) / np.bincount(bins)
-        assert np.abs(means).max() < 1e-12
 
 
 def test_an_outside_case_takes_the_first_draw_that_no_name_explains(tmp_path):
