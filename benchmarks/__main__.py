@@ -23,9 +23,7 @@ SHORT = {
     "fleet": ["--aircraft", "150", "300", "600"],
     "monitoring": ["--years", "100", "--fleets", "2"],
 }
-LONG = {
-    "fleet": ["--aircraft", "600", "1200", "2400", "6000"],
-}
+LONG = {"fleet": ["--aircraft", "600", "1200", "2400", "6000"]}
 """Arguments by benchmark; none are given where it has no entry."""
 COMPARISONS = {"compare_products", "gap_paired"}
 """Scripts that compare two results, which are their arguments."""

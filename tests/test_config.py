@@ -127,8 +127,7 @@ def test_a_bare_number_is_refused_also_as_a_string(bare, unit):
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["(3 h", "5 m/s/", "  ", "5..2 h", "2**2**100 s", "1e400 s", "nan s", "3 kt", "3 h )"],
+    "text", ["(3 h", "5 m/s/", "  ", "5..2 h", "2**2**100 s", "1e400 s", "nan s", "3 kt", "3 h )"]
 )
 def test_what_is_no_number_with_a_unit_is_refused(text):
     with pytest.raises(ValueError, match="is not a quantity"):

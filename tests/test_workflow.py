@@ -13,7 +13,6 @@ from airswing.config_file import load_config
 from airswing.flags import STATUS
 from airswing.products.netcdf import read_product
 from airswing.vocabulary import lookup
-from airswing.workflow.stages import make_observation_errors
 
 PRODUCTS = (
     workflow.HEADINGS,
@@ -170,16 +169,3 @@ def test_a_corrected_archive_has_nothing_left_to_correct(quickstart):
     assert ok.sum() >= 4
     assert set(refit["status"].to_numpy()[ok]) <= {STATUS["ok"], STATUS["no_correction_needed"]}
     assert np.nanmax(refit["amplitude"].to_numpy()[ok]) < 0.3
-
-
-def test_a_given_covariance_of_the_references_is_subtracted(
-    quickstart, quickstart_config, tmp_path
-):
-    kept = [read_product(quickstart / name) for name in (workflow.HEADINGS, workflow.CORRECTED)]
-    found = []
-    for known in (0.0, 0.2):
-        path = quickstart_config(tmp_path, observation_errors={"reference_covariance": known})
-        made = make_observation_errors(workflow.Job.of(path, quiet=True), *kept)
-        found.append(made["fleet_observation_error_by_method"].sel(way="three_cornered_hat"))
-    np.testing.assert_allclose(found[0] ** 2 - found[1] ** 2, 0.2, atol=1e-9)
-    assert made.attrs["assumed_covariance"] == 0.2

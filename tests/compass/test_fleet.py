@@ -8,12 +8,7 @@ from airswing.compass.fit.deviation import fit_deviation, fit_sums, sum_aircraft
 from airswing.compass.fleet import solution
 from airswing.compass.fleet.field import Blocks
 from airswing.compass.fleet.information import Reference
-from airswing.compass.fleet.solution import (
-    Equations,
-    Iterated,
-    Written,
-    solve_fleet,
-)
+from airswing.compass.fleet.solution import Equations, Iterated, Written, solve_fleet
 from airswing.physics.compass_deviation import deviation_basis
 from tests.compass.flown import Setting, fleet_deviations, fly
 

@@ -112,8 +112,7 @@ def model(reports, *, noise=0.0, names=("ruc",)):
 
 def with_reported(reports, heading, airspeed):
     return reports.assign(
-        reported_heading=("report", np.mod(heading, 360.0)),
-        reported_airspeed=("report", airspeed),
+        reported_heading=("report", np.mod(heading, 360.0)), reported_airspeed=("report", airspeed)
     )
 
 

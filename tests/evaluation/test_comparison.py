@@ -5,11 +5,7 @@ import pytest
 
 import airswing
 from airswing.errors import InputError
-from airswing.evaluation.comparison import (
-    compare,
-    hats_of,
-    regional_bias,
-)
+from airswing.evaluation.comparison import compare, hats_of, regional_bias
 from airswing.evaluation.time_interval import interval_cost
 from airswing.products.ragged import aircraft_of_report
 from tests.compass.flown import Setting

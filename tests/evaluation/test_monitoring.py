@@ -151,11 +151,7 @@ def test_too_few_days_have_no_p_value():
 
 
 @pytest.mark.parametrize(
-    ("window", "firsts"),
-    [
-        ("month", ["2008-07-01", "2008-08-01"]),
-        ("quarter", ["2008-07-01"]),
-    ],
+    ("window", "firsts"), [("month", ["2008-07-01", "2008-08-01"]), ("quarter", ["2008-07-01"])]
 )
 def test_windows_are_those_of_the_calendar_and_use_their_own_reports(changed, window, firsts):
     ds, _ = changed

@@ -15,10 +15,7 @@ from airswing.evaluation.observation_errors import observation_errors
 from airswing.evaluation.resampling import day_weights, interval, widened
 from airswing.products.netcdf import read_product, write_product
 from airswing.report.html import Figures
-from airswing.report.run.evaluation import (
-    report_errors_section,
-    worth_sentence,
-)
+from airswing.report.run.evaluation import report_errors_section, worth_sentence
 
 
 def pairs_of(latitude, longitude, pressure, time, aircraft):

@@ -11,6 +11,7 @@ from collections import Counter
 from datetime import datetime, timedelta
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,6 +22,7 @@ from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
 from airswing.handover.export import as_text
+from airswing.physics.triangle import wind_components
 from airswing.products.netcdf import write_product
 from tests.handover import obsproc, wrf_nudging, wrfda
 from tests.handover.archives import corrected
@@ -32,115 +34,95 @@ STEP = {"obs_domain": 1e-3, "little_r": 1e-4, "ob_ascii": 6e-3}
 
 
 def understood(to, path):
-    """Winds in a file as the reader of its format gives them."""
+    """Winds in a file as the reader of its format gives them, in the order of the file."""
     text = path.read_text()
     if to == "obs_domain":
-        return _of_nudging(wrf_nudging.raw(text))
-    if to == "little_r":
+        rows = _of_nudging(wrf_nudging.raw(text))
+    elif to == "little_r":
         far = timedelta(days=365_000)
-        return _of_obsproc(obsproc.processed(text, EPOCH - timedelta(1), EPOCH, EPOCH + far))
-    reports, whole = wrfda.read(text)
-    assert whole
-    return _of_wrfda(reports)
+        rows = _of_obsproc(obsproc.processed(text, EPOCH - timedelta(1), EPOCH, EPOCH + far))
+    else:
+        reports, whole = wrfda.read(text)
+        assert whole
+        rows = _of_wrfda(reports)
+    return pd.DataFrame(rows, columns=["seconds", "id", "lat", "lon", "p", "u", "v", "t"])
 
 
 def _of_nudging(reports):
-    found = []
     assert all(report["chronological"] for report in reports)
     for report in reports:
         assert report["is_sound"] and not report["bogus"] and report["plfo"] == 99.0
         assert report["elevation"] == -888888.0
         pressures = [level[0][0] for level in report["levels"]]
-        assert pressures == sorted(pressures, reverse=True)
-        assert len(set(pressures)) == len(pressures)
+        assert pressures == sorted(set(pressures), reverse=True)
+        place = report["seconds"], report["id"].rstrip(), report["lat"], report["lon"]
         for p, z, t, u, v, rh in report["levels"]:
             assert p[1] == 0.0 and p[0] > 8000.0 and u[1] == v[1] == 129.0
             assert z == rh == (-888888.0, -888888.0) and (u[0], v[0]) != (0.0, 0.0)
-            found.append(_entry(report["seconds"], report["id"], report, p[0], (u[0], v[0]), t[0]))
-    return found
+            yield *place, p[0], u[0], v[0], t[0]
 
 
 def _of_obsproc(reports):
-    found = []
     for report in reports:
+        seconds = (report["time"] - EPOCH).total_seconds()
+        place = seconds, report["id"].rstrip(), report["lat"], report["lon"]
         for level in report["levels"]:
             (speed, q1), (direction, q2) = level["speed"], level["dir"]
             assert q1 == q2 == 0 and level["p"][1] == 0
             assert (level["z"][1] == 0) == (report["fm"] == 101)
-            angle = np.radians(direction)
-            wind = -speed * np.sin(angle), -speed * np.cos(angle)
-            seconds = (report["time"] - EPOCH).total_seconds()
-            temperature, pressure = level["t"][0], level["p"][0]
-            found.append(_entry(seconds, report["id"], report, pressure, wind, temperature))
-    return found
+            wind = wind_components(speed, np.radians(direction))
+            yield *place, level["p"][0], *wind, level["t"][0]
 
 
 def _of_wrfda(reports):
-    found = []
     for report in reports:
         assert report["type"] in ("tamdar", "airep")
+        moment = datetime.strptime(report["date"], "%Y-%m-%d_%H:%M:%S")
+        place = (
+            (moment - EPOCH).total_seconds(),
+            report["id"].rstrip(),
+            report["lat"],
+            report["lon"],
+        )
         for level in report["levels"]:
             assert level["wind_used"] and level["vertical"] == "pressure"
             assert all(level[name][2] > 0.0 for name in wrfda.COLUMNS)
             assert 0.0 < level["dir"][0] <= 360.0
-            moment = datetime.strptime(report["date"], "%Y-%m-%d_%H:%M:%S")
-            seconds = (moment - EPOCH).total_seconds()
-            values = level["p"][0], level["earth"], level["t"][0]
-            found.append(_entry(seconds, report["id"], report, *values))
-    return found
+            yield *place, level["p"][0], *level["earth"], level["t"][0]
 
 
-def _entry(seconds, name, place, pressure, wind, temperature):
-    return {
-        "seconds": seconds,
-        "id": name.rstrip(),
-        "lat": place["lat"],
-        "lon": place["lon"],
-        "p": pressure,
-        "wind": wind,
-        "t": temperature,
-    }
-
-
-def expected(ds, winds="corrected"):
-    """The reports of an archive that are fit for every format, in the order of time."""
-    prefix = "corrected_" if winds == "corrected" else ""
-    tails = np.repeat(ds["aircraft"].to_numpy(), ds["row_size"].to_numpy())
+def expected(ds):
+    """The reports of an archive that are all fit for every format."""
     time = ds["time"].to_numpy().astype("M8[ms]").astype(np.int64)
-    rows = []
-    for k in range(ds.sizes["report"]):
-        u, v = (float(ds[f"{prefix}{name}_wind"][k]) for name in ("eastward", "northward"))
-        t = float(ds["air_temperature"][k])
-        rows.append(
-            {
-                "seconds": (time[k] + 500) // 1000,
-                "id": str(tails[k]),
-                "wind": (u, v),
-                "lat": float(ds["latitude"][k]),
-                "lon": float(ds["longitude"][k]),
-                "p": float(ds["pressure"][k]),
-                "t": t if np.isfinite(t) else -888888.0,
-            }
-        )
-    return sorted(rows, key=_order)
+    columns = {
+        "seconds": ((time + 500) // 1000).astype(float),
+        "id": np.repeat(ds["aircraft"].to_numpy(), ds["row_size"].to_numpy()),
+        "lat": ds["latitude"],
+        "lon": ds["longitude"],
+        "p": ds["pressure"],
+        "u": ds["corrected_eastward_wind"],
+        "v": ds["corrected_northward_wind"],
+        "t": ds["air_temperature"].where(np.isfinite(ds["air_temperature"]), -888888.0),
+    }
+    return pd.DataFrame({name: np.asarray(values) for name, values in columns.items()})
 
 
-def _order(row):
-    return row["seconds"], row["id"], -round(row["p"])
+def ordered(table):
+    level = -table["p"].round()
+    return table.assign(level=level).sort_values(["seconds", "id", "level"], ignore_index=True)
 
 
 def assert_agree(found, wanted, to):
-    assert len(found) == len(wanted)
+    found, wanted = ordered(found), ordered(wanted)
+    assert found[["seconds", "id"]].values.tolist() == wanted[["seconds", "id"]].values.tolist()
+    assert (((found["lon"] - wanted["lon"] + 180.0) % 360.0 - 180.0).abs() < 6e-4).all()
+    for name, close in {"lat": 6e-4, "p": 6e-3, "t": 1e-3}.items():
+        np.testing.assert_allclose(found[name], wanted[name], atol=close, rtol=1e-6)
     calm = {"obs_domain": 1.1e-3, "little_r": 0.1001, "ob_ascii": 0.0}[to]
-    for one, other in zip(sorted(found, key=_order), wanted, strict=True):
-        assert (one["seconds"], one["id"]) == (other["seconds"], other["id"])
-        assert one["lat"] == pytest.approx(other["lat"], abs=6e-4)
-        assert abs((one["lon"] - other["lon"] + 180.0) % 360.0 - 180.0) < 6e-4
-        assert one["p"] == pytest.approx(other["p"], abs=6e-3)
-        assert one["t"] == pytest.approx(other["t"], abs=1e-3)
-        slow = np.hypot(*other["wind"]) < 0.1
-        close = STEP[to] + (calm if slow else 0.0) + 1e-6 * np.hypot(*other["wind"])
-        assert one["wind"] == pytest.approx(other["wind"], abs=close)
+    speed = np.hypot(wanted["u"], wanted["v"])
+    close = STEP[to] + np.where(speed < 0.1, calm, 0.0) + 1e-6 * speed
+    for name in "uv":
+        assert ((found[name] - wanted[name]).abs() <= close).all()
 
 
 SPECIAL = [(0.0, 0.0), (0.0, -10.0), (0.0, 5.0), (-7.0, 0.0), (0.0004, -0.0004), (1e-7, -20.0)]
@@ -186,9 +168,7 @@ def test_every_report_is_understood(tmp_path_factory, reports, tail, platform, t
     result = airswing.export(ds, to=to, path=path, settings=Handover(platform=platform))
     assert result["reports"] == result["levels"] == len(reports) and not result["left_out"]
     found = understood(to, path)
-    if to == "ob_ascii":
-        place = sorted(found, key=_order)
-        assert [one["seconds"] for one in found] == [one["seconds"] for one in place]
+    assert to != "ob_ascii" or found["seconds"].is_monotonic_increasing
     assert_agree(found, expected(ds), to)
 
 
@@ -246,9 +226,8 @@ def test_pressure_altitude_replaces_a_missing_pressure_and_bad_temperatures_are_
     ds["pressure_altitude"] = ("report", np.array([5574.44, 7185.4, 0.0]))
     airswing.export(ds, to=to, path=tmp_path / "f")
     found = understood(to, tmp_path / "f")
-    assert [one["p"] for one in found] == pytest.approx([50000.0, 40000.0, 50000.0], abs=1.0)
-    temperatures = [one["t"] for one in found]
-    assert temperatures == pytest.approx([-888888.0, -888888.0, 258.15], abs=1e-3)
+    np.testing.assert_allclose(found["p"], [50000.0, 40000.0, 50000.0], atol=1.0)
+    np.testing.assert_allclose(found["t"], [-888888.0, -888888.0, 258.15], atol=1e-3)
 
 
 def profile(pressure, *, phase="ascent", **columns):
@@ -277,11 +256,11 @@ def test_ascents_and_descents_are_joined(tmp_path, to):
     )
     result = airswing.export(ds, to=to, path=tmp_path / "f", soundings=True)
     assert result["levels"] == 38 and result["reports"] == 2 * (2 + 4)
-    by_wind = {round(one["wind"][0]): one for one in understood(to, tmp_path / "f")}
-    assert sorted(by_wind) == list(range(-20, 18))
-    assert [by_wind[k - 20]["p"] for k in range(38)] == pytest.approx(pressure * 2, abs=1e-2)
+    found = understood(to, tmp_path / "f").sort_values("u")
+    assert found["u"].round().tolist() == list(range(-20, 18))
+    np.testing.assert_allclose(found["p"], pressure * 2, atol=1e-2)
     middle = ds["time"].to_numpy()[3].astype("M8[s]").astype(int)
-    assert sum(by_wind[k]["seconds"] == middle for k in range(-20, -12)) == 7
+    assert (found["seconds"][:8] == middle).sum() == 7
 
 
 @pytest.mark.parametrize(
@@ -382,7 +361,7 @@ def test_aircraft_by_number(tmp_path, to):
     )
     numbers = ["00751", "00002", "00001", "00003", "00004", "00005"]
     assert result["identifiers"] == dict(zip(names, numbers, strict=True))
-    assert [one["id"] for one in understood(to, tmp_path / "f")] == numbers
+    assert understood(to, tmp_path / "f")["id"].tolist() == numbers
     assert "identifiers" not in airswing.export(ds, to=to, path=tmp_path / "g")
     assert "N751A 00004, and 1 more" in as_text(result)
 

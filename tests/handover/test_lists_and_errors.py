@@ -43,9 +43,7 @@ def run(folder, fleet, *, pressure=50000.0):
             winds[f"{prefix}eastward_wind"].append(u)
             winds[f"{prefix}northward_wind"].append(v)
     ds = corrected(
-        sizes,
-        pressure=pressure,
-        **{name: np.concatenate(parts) for name, parts in winds.items()},
+        sizes, pressure=pressure, **{name: np.concatenate(parts) for name, parts in winds.items()}
     )
     day = np.datetime64("2008-07-15", "ns")
     seconds = np.tile(np.arange(300) * 288, len(fleet)) * np.timedelta64(1, "s")
@@ -152,10 +150,7 @@ def test_other_lines_are_unchanged_and_blank_identifiers_are_filled(tmp_path):
     base.write_bytes((HEADER + "".join(rows)).encode())
     fleet = dict.fromkeys(("00000751", "752", "753", "755", "756"), (9.0, 0.0))
     done = airswing.export(
-        run(tmp_path, fleet),
-        to="reject_list",
-        path=tmp_path / "out",
-        settings=Handover(base=base),
+        run(tmp_path, fleet), to="reject_list", path=tmp_path / "out", settings=Handover(base=base)
     )
     after = (tmp_path / "out").read_bytes().decode().removeprefix(HEADER).splitlines(keepends=True)
     assert after[0] == "00000752  T - - 9999 --------" + rows[1][29:]

@@ -1,7 +1,5 @@
 """Products: whole or absent, described, the same when read back; damaged NetCDF is refused."""
 
-import resource
-import signal
 import struct
 
 import netCDF4
@@ -74,24 +72,6 @@ def test_a_failure_midway_leaves_the_earlier_product(tmp_path):
         raise ValueError
     assert path.read_text() == '{\n  "a": 1\n}\n'
     assert [entry.name for entry in tmp_path.iterdir()] == ["x.json"]
-
-
-def test_a_full_disk_is_one_clear_error(tmp_path, reports):
-    """A limit on file size stands for the full disk: writing past it fails as a full disk does."""
-    path = write_product(reports, tmp_path / "x.nc", title="t")
-    before = path.read_bytes()
-    big = xr.Dataset({"latitude": ("report", np.random.default_rng(0).random(500_000))})
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    try:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
-        with pytest.raises(InputError, match="cannot write the product"):
-            write_product(big, path, title="t")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, handler)
-    assert path.read_bytes() == before
-    assert [entry.name for entry in tmp_path.iterdir()] == ["x.nc"]
 
 
 def test_plain_turns_not_a_number_into_none():

@@ -17,7 +17,6 @@ from airswing.errors import InputError
 from airswing.evaluation import Evaluation
 from airswing.evaluation.innovations import innovation_statistics
 from airswing.flags import STATUS
-from airswing.products import ragged
 from airswing.report import html
 from airswing.report.html import maps
 from airswing.report.run import page
@@ -292,25 +291,3 @@ def test_every_point_lies_in_its_view(longitude, south, height):
     assert np.all((x >= view.west - 0.1) & (x <= view.east + 0.1))
     assert np.all((latitude >= view.south - 1e-9) & (latitude <= view.north + 1e-9))
     assert view.east - view.west <= 360.0
-
-
-def test_large_archives_are_thinned_evenly_and_counted_in_full(monkeypatch):
-    monkeypatch.setattr(ragged, "BLOCK_REPORTS", 70)
-    monkeypatch.setattr(maps, "MOST_DRAWN", 100)
-    number = np.arange(600)
-    archive = xr.Dataset(
-        {
-            "row_size": ("aircraft", np.full(12, 50)),
-            "longitude": ("report", number % 30 - 90.0),
-            "latitude": ("report", number % 10 + 40.0),
-            "phase": ("report", number % 4),
-            "pressure": ("report", 50_000.0 + number),
-        }
-    )
-    show = Drawn()
-    maps.places_section(archive, show)
-    figure = show.made["map"]
-    assert "n = 600 reports of 12 aircraft" in figure.caption
-    assert "One report in 6 is drawn." in figure.caption
-    drawn = figure.axes[0].collections[0].get_offsets()
-    assert np.allclose(np.asarray(drawn)[:, 0], number[::6] % 30 - 90.0)

@@ -8,21 +8,9 @@ import pytest
 
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.synthetic.archive import simulate_arrays
-from airswing.synthetic.atmosphere import (
-    WaveKind,
-    random_waves,
-)
-from airswing.synthetic.flights import (
-    NETWORKS,
-    STEP,
-    fly,
-    timetable,
-)
-from airswing.synthetic.instrument import (
-    EarthField,
-    declination_of_year,
-    parse_faults,
-)
+from airswing.synthetic.atmosphere import WaveKind, random_waves
+from airswing.synthetic.flights import NETWORKS, STEP, fly, timetable
+from airswing.synthetic.instrument import EarthField, declination_of_year, parse_faults
 from airswing.synthetic.observe import Coding
 from airswing.synthetic.truth import fleet_deviations, truth_record
 

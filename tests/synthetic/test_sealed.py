@@ -24,10 +24,7 @@ from airswing.synthetic.sealed import sealed_archives as archives
 from airswing.synthetic.sealed.cases import ALIKE, OUTSIDE_SHAPES, RUNGS, Case, Size, draw_outside
 from airswing.synthetic.sealed.cases import plan_cases as plan
 from airswing.synthetic.sealed.draws import START, Drawn, World, draw_effect
-from airswing.synthetic.sealed.sealed_archives import (
-    Archivist,
-    write_model_case,
-)
+from airswing.synthetic.sealed.sealed_archives import Archivist, write_model_case
 
 TAILS = World(0, "default", 45, 14).tails
 DRAWS = draws()

@@ -50,10 +50,7 @@ def assert_same_bytes(one, other):
 
 @pytest.mark.parametrize(
     ("reports", "places"),
-    [
-        ("N402", ["cluster"]),
-        pytest.param("*", ["processes", "cluster"], marks=pytest.mark.slow),
-    ],
+    [("N402", ["cluster"]), pytest.param("*", ["processes", "cluster"], marks=pytest.mark.slow)],
 )
 def test_threads_processes_and_a_cluster_give_the_same_bytes(
     address, tmp_path, root, reports, places, blank_cards, monkeypatch

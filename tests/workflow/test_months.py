@@ -265,10 +265,7 @@ def end_before(folder, name):
     made(folder)
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["headings/2009-02.nc", "2009-02.json", "corrected/2009-01.nc"],
-)
+@pytest.mark.parametrize("name", ["headings/2009-02.nc", "2009-02.json", "corrected/2009-01.nc"])
 def test_a_run_ended_between_write_and_rename_goes_on(archive, whole, name):
     process = forked(end_before, archive, name)
     process.join(120)

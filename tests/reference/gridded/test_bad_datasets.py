@@ -1,7 +1,5 @@
 """Datasets that cannot be used, and files that are damaged: a result, a count, or one message."""
 
-from pathlib import Path
-
 import netCDF4
 import numpy as np
 import pytest
@@ -85,18 +83,6 @@ def test_one_clear_message(case, tmp_path):
         assert len(message) < 2000 and "Traceback" not in message
         if isinstance(given, str):
             assert "bad.nc" in message or "references.bad" in message
-
-
-def test_damaged_files_are_named_and_skipped(tmp_path):
-    base().to_netcdf(tmp_path / "good.nc")
-    whole = (tmp_path / "good.nc").read_bytes()
-    (tmp_path / "short.nc").write_bytes(whole[: len(whole) // 3])
-    (tmp_path / "empty.nc").write_bytes(b"")
-    found = airswing.build_catalogue(str(tmp_path / "*.nc"), name="m")
-    assert sorted(Path(one["file"]).name for one in found.skipped) == ["empty.nc", "short.nc"]
-    for pattern, words in (("*.nc", "is empty"), ("short.nc", r"short\.nc")):
-        with pytest.raises(InputError, match=words):
-            airswing.build_catalogue(str(tmp_path / pattern), name="m", on_bad_file="fail")
 
 
 def test_files_and_engines_that_cannot_be_used_together(tmp_path):
