@@ -71,7 +71,7 @@ def _of_obsproc(reports):
             assert q1 == q2 == 0 and level["p"][1] == 0
             assert (level["z"][1] == 0) == (report["fm"] == 101)
             wind = wind_components(speed, np.radians(direction))
-            yield *place, level["p"][0], *wind, level["t"][0]
+            yield *place, level["p"][0], *map(float, wind), level["t"][0]
 
 
 def _of_wrfda(reports):
