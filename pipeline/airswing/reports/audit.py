@@ -14,8 +14,7 @@ from typing import Any, SupportsInt
 
 import numpy as np
 
-AuditContent = dict[str, Any]
-"""Plain form of an :class:`Audit`, as stored in ``reading_audit``."""
+AuditContent = dict[str, Any]  # plain form of an :class:`Audit`, as stored in ``reading_audit``
 _COUNTERS = ("dropped", "repaired", "missing", "formats")
 _OTHERS = ("files_skipped", "examples", "mistakes", "similar_tails", "remarks")
 _LARGE_SHARE = 0.5  # share of the reports above which a note states the missing values

@@ -24,8 +24,7 @@ from airswing.quantities import registry
 
 ColumnMapping = Mapping[str, "str | Sequence[str] | Mapping[str, object]"]
 """A mapping in the forms that the module describes."""
-ONLY = "only:"
-"""Prefix of a column whose values select the reports."""
+ONLY = "only:"  # prefix of a column whose values select the reports
 
 
 @dataclass(frozen=True)
@@ -47,8 +46,7 @@ class Quantity:
 
 
 _TABLE = pd.read_csv(Path(__file__).with_suffix(".csv")).fillna({"unit": "", "other_names": "(?!)"})
-TEXT: tuple[str, ...] = tuple(_TABLE["column"][_TABLE["si_unit"].isna()])
-"""Columns without a unit."""
+TEXT: tuple[str, ...] = tuple(_TABLE["column"][_TABLE["si_unit"].isna()])  # columns without a unit
 QUANTITIES = {row[0]: Quantity(*row) for row in _TABLE.dropna().itertuples(index=False)}
 """Numeric columns by the name without its unit."""
 LIMITS = {one.variable: (one.lowest, one.highest) for one in QUANTITIES.values()}
@@ -102,8 +100,7 @@ class Source:
         return (() if self.value is not None else (self.column,)) + self.others + self.parts
 
 
-Mapped = Mapping[str, Source]
-"""The source of each variable, from :func:`parse_mapping`."""
+Mapped = Mapping[str, Source]  # the source of each variable, from :func:`parse_mapping`
 
 
 class Layout(NamedTuple):
@@ -150,18 +147,6 @@ def layout_of(names: Iterable[str]) -> Layout | None:
     """Return the layout of a table with these columns, or None."""
     there = {name.strip() for name in names}
     return next((layout for layout in LAYOUTS if layout.signature <= there), None)
-
-
-def with_layout(names: Sequence[str], mapping: Mapped) -> Mapped:
-    """Return the mapping of the program that wrote a table, overridden by the user's."""
-    layout, there = layout_of(names), {name.strip() for name in names}
-    known: dict[str, str | list[str]] = {}
-    for key, target in ({} if layout is None else layout.columns).items():
-        if isinstance(target, str):
-            known |= {key: target} if key in there else {}
-        elif some := [name for name in target if name in there]:
-            known[key] = some
-    return {**parse_mapping(known), **mapping}
 
 
 def parse_mapping(columns: ColumnMapping | None) -> dict[str, Source]:
@@ -289,19 +274,27 @@ def compatible(unit: str, si_unit: str) -> bool:
     return True
 
 
-def sources(names: Iterable[str], mapping: Mapped, file: object) -> dict[str, Source]:
-    """Find the columns of a file that each variable is read from; ``mapping`` goes first."""
+def sources(names: Iterable[str], mapping: Mapped) -> dict[str, Source]:
+    """Find the columns of a file that each variable is read from.
+
+    The user's mapping goes first, then that of the program that wrote the table.
+    """
     names = list(names)
     by_stripped = {name.strip(): name for name in names}
+    layout, known = layout_of(names), dict[str, str | list[str]]()
+    for key, target in (layout.columns if layout else {}).items():
+        wanted = (key,) if isinstance(target, str) else target
+        if there := [name for name in wanted if name in by_stripped]:
+            known[key] = target if isinstance(target, str) else there
     found = {}
-    for variable, source in mapping.items():
+    for variable, source in {**parse_mapping(known), **mapping}.items():
         there = [by_stripped[n] for n in (source.column, *source.others) if n in by_stripped]
         if source.others and there:
             source = replace(source, column=there[0], others=tuple(there[1:]))
         elif source.value is None:
             for name in (source.column, *source.parts):
                 if name not in by_stripped:
-                    raise _absent(name, names, file, "the mapped column is not in the file")
+                    raise _absent(name, names, "the mapped column is not in the file")
             parts = tuple(by_stripped[name] for name in source.parts)
             source = replace(source, column=by_stripped[source.column], parts=parts)
         found[variable] = source
@@ -311,20 +304,20 @@ def sources(names: Iterable[str], mapping: Mapped, file: object) -> dict[str, So
             continue
         if stripped.lower() in TEXT:
             found.setdefault(stripped.lower(), Source(name))
-        elif (known := split_name(stripped)) is not None:
-            quantity, unit = known
+        elif (quantity_and_unit := split_name(stripped)) is not None:
+            quantity, unit = quantity_and_unit
             found.setdefault(quantity.variable, Source(name, *conversion(unit, quantity.si_unit)))
     taken = {column for source in found.values() for column in source.columns}
     free = [name for name in names if name not in taken]
     for variable in REQUIRED:
         if variable not in found:
-            raise _absent(variable, names, file, "a required column is missing", free)
+            raise _absent(variable, names, "a required column is missing", free)
     if "pressure_altitude" not in found and "pressure" not in found:
         what = "neither pressure_altitude_ft nor pressure_hPa is there"
-        raise _absent("pressure_altitude_ft", names, file, what, free)
+        raise _absent("pressure_altitude_ft", names, what, free)
     if not gives_wind(found):
         absent = next(name for name in ("wind_direction", "wind_speed") if name not in found)
-        raise _absent(QUANTITIES[absent].canonical, names, file, NO_WIND, free)
+        raise _absent(QUANTITIES[absent].canonical, names, NO_WIND, free)
     return found
 
 
@@ -342,9 +335,7 @@ def gives_wind(variables: Iterable[str]) -> bool:
     )
 
 
-def _absent(
-    wanted: str, names: list[str], file: object, what: str, free: list[str] | None = None
-) -> InputError:
+def _absent(wanted: str, names: list[str], what: str, free: list[str] | None = None) -> InputError:
     folded = {name.strip().lower(): name for name in (names if free is None else free)}
     folded = {key: name for key, name in folded.items() if len(key) > 1}
     # Lower than the library's 0.6: two names of one column often share only a stem.
@@ -357,4 +348,4 @@ def _absent(
     )
     if near:
         remedy = f"Nearest there: {', '.join(folded[key] for key in near[:3])}. " + remedy
-    return InputError(what, file=file, field=wanted, found=", ".join(names), remedy=remedy)
+    return InputError(what, field=wanted, found=", ".join(names), remedy=remedy)

@@ -26,8 +26,7 @@ from airswing.physics.great_circle import central_angle
 from airswing.reports.values import Floats, Index, Integers, Mask, seconds_since_1970
 from airswing.units import EARTH_RADIUS
 
-Columns = dict[str, NDArray[Any]]
-"""Columns of reports by name, all of one length."""
+Columns = dict[str, NDArray[Any]]  # columns of reports by name, all of one length
 
 LABELLED_GAP = 6 * 3600.0  # s without reports that end a flight with a label
 UNLABELLED_GAP = 45 * 60.0  # s without reports that end a flight without a label

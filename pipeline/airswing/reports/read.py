@@ -25,8 +25,7 @@ from airswing.reports.cleaning import FLAGS, clean
 from airswing.reports.columns import ONLY, ColumnMapping, Mapped, parse_mapping
 from airswing.reports.formats import damage_named, first_bytes, formats
 
-Format = str
-"""``auto``, or the name of a registered format."""
+Format = str  # ``auto``, or the name of a registered format
 Policy = Literal["skip", "fail"]
 
 _UNPACK = "Unpack it first and name the files in it"

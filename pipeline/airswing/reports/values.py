@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.reports.audit import Audit
 
-Column: TypeAlias = "pd.Series[Any]"
-"""A column of a table, of any type."""
+Column: TypeAlias = "pd.Series[Any]"  # A column of a table, of any type
 Times: TypeAlias = NDArray[np.datetime64]
 Floats: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]
@@ -54,8 +53,7 @@ _CODES = {
     ),
     "icing": (ICING, {"missing": "- NAN", "off": "0 0.0 FALSE OFF NO", "on": "1 1.0 TRUE ON YES"}),
 }
-FLAGS = tuple(_CODES)
-"""Flag columns of a table."""
+FLAGS = tuple(_CODES)  # flag columns of a table
 
 
 def possible(time: Times) -> Mask:

@@ -67,6 +67,13 @@ def write_gap_page(
     def drawn(*names: str) -> list[Markup]:
         return [show(name, figures[name](), dpi=120) for name in names if name in figures]
 
+    closure, factor = content["closure"], html.per_kt(units)
+    interval = html.range_text(closure.get("ci"), factor=factor) or " (no interval from one day)"
+    before, after = (amount(closure[at], factor=factor, unit=units) for at in ("before", "after"))
+    closes = (
+        f"On {'held-out' if closure.get('held_out') else 'the same'} flights the disagreement is "
+        f"{before} without and {after}{interval} with all effects stated."
+    )
     text = html.document(
         title="airswing: the sim-to-real gap",
         kicker="Gap between real and simulated reports",
@@ -74,7 +81,7 @@ def write_gap_page(
         facts=_facts(content, units),
         sections=[
             _what_section(content, drawn, units),
-            _closure_section(content, drawn, units),
+            html.Section("closure", "How far the gap closes", "", [*drawn("waterfall"), closes]),
             _where_section(content, drawn),
             _ambiguous_section(content),
             _claims_section(content, units),
@@ -149,17 +156,6 @@ def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     parts.append(html.folded("Parameters of each aircraft", single))
     parts.append(html.folded("Physics of the effects found", html.listing(physics)))
     return html.Section("what", "Effects missing from the simulation", "", parts)
-
-
-def _closure_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
-    closure, factor = gap["closure"], html.per_kt(units)
-    interval = html.range_text(closure.get("ci"), factor=factor) or " (no interval from one day)"
-    before, after = (amount(closure[at], factor=factor, unit=units) for at in ("before", "after"))
-    text = (
-        f"On {'held-out' if closure.get('held_out') else 'the same'} flights the disagreement is "
-        f"{before} without and {after}{interval} with all effects stated."
-    )
-    return html.Section("closure", "How far the gap closes", "", [*drawn("waterfall"), text])
 
 
 def _where_section(gap: Entry, drawn: _Drawn) -> html.Section:
@@ -266,19 +262,7 @@ def _statistics_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section
     )
     long, doubt = ("assumption", "test", "result"), [not ok for ok in held]
     assumptions = html.table(columns, long=long, caption=caption, doubt=doubt)
-    calibration = [*_calibration(gap, units), *drawn("pit")]
-    noise = [_noise(gap, units), *drawn("autocorrelation")]
-    parts = [
-        html.folded("Assumptions", assumptions),
-        html.folded("Evidence for each effect", *drawn("evidence", "probability")),
-        html.folded("Calibration on held-out flights", *calibration),
-        html.folded("Noise model", *noise),
-    ]
-    return html.Section("statistics", "Statistics", lead, parts)
-
-
-def _calibration(gap: Entry, units: Units) -> list[str]:
-    rows, text, factor = [], "", html.per_m_s(units)
+    rows, placebo, factor = [], "", html.per_m_s(units)
     if pair := gap.get("calibration"):
         crps = number_text(pair["after"].get("crps_expected_m_s"), factor=factor)
         for key, label, scale, right in (
@@ -290,29 +274,31 @@ def _calibration(gap: Entry, units: Units) -> list[str]:
             without, given = (scale * number(pair[when].get(key)) for when in ("before", "after"))
             row = {"": label, "without the effects": without, "with the effects": given}
             rows.append(row | {"if right": right})
-    if placebo := gap.get("decoy"):
-        ends, factor = placebo.get("reduction_ci_kt"), html.per_kt(units)
-        closes = amount(placebo["reduction_kt"], ends, factor=factor, unit=units)
-        text = (
+    if drawn_at_random := gap.get("decoy"):
+        ends, kt = drawn_at_random.get("reduction_ci_kt"), html.per_kt(units)
+        closes = amount(drawn_at_random["reduction_kt"], ends, factor=kt, unit=units)
+        placebo = (
             f"Placebo: effects with the same columns but random dates and aircraft close {closes} "
-            f"({placebo['draws']} draws)."
+            f"({drawn_at_random['draws']} draws)."
         )
-    return [html.table(rows, words=[""]), text]
-
-
-def _noise(gap: Entry, units: Units) -> str:
-    noise, factor = gap.get("noise"), html.per_m_s(units)
-    if not noise:
-        return ""
-    fitted = {
-        f"correlated part ({units})": factor * noise["correlated_sd_m_s"],
-        f"white part ({units})": factor * noise["white_sd_m_s"],
-        "correlation length (km)": number_text(noise["length_km"], digits=0),
-        "factor across the heading": noise.get("across_heading"),
-        "factor along the heading": noise.get("along_heading"),
-    }
-    columns = {"noise model": fitted, "fitted": fitted.values()}
-    return html.table(columns, words=["noise model"])
+    fitted: dict[str, object] = {}
+    if noise := gap.get("noise"):
+        fitted = {
+            f"correlated part ({units})": factor * noise["correlated_sd_m_s"],
+            f"white part ({units})": factor * noise["white_sd_m_s"],
+            "correlation length (km)": number_text(noise["length_km"], digits=0),
+            "factor across the heading": noise.get("across_heading"),
+            "factor along the heading": noise.get("along_heading"),
+        }
+    model = html.table({"noise model": fitted, "fitted": fitted.values()}, words=["noise model"])
+    calibration = html.table(rows, words=[""]), placebo, *drawn("pit")
+    parts = [
+        html.folded("Assumptions", assumptions),
+        html.folded("Evidence for each effect", *drawn("evidence", "probability")),
+        html.folded("Calibration on held-out flights", *calibration),
+        html.folded("Noise model", model, *drawn("autocorrelation")),
+    ]
+    return html.Section("statistics", "Statistics", lead, parts)
 
 
 class ShownDiagnosis(Diagnosis):

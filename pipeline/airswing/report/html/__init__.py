@@ -254,19 +254,13 @@ def interval_rows(
 
 
 def bars(
-    axes: Axes,
-    names: Sequence[str],
-    value: ArrayLike,
-    texts: Iterable[str],
-    label: str,
-    /,
-    **look: Any,
+    axes: Axes, names: Sequence[str], value: ArrayLike, texts: Iterable[str], axis: str, **look: Any
 ) -> None:
-    """Draw values (n,) as bars in named rows, with a text to the right of each."""
+    """Draw values (n,) as bars in named rows, a text right of each; `axis` labels the x axis."""
     axes.barh(range(len(names)), value, **{"height": 0.7, **look})
     for row, (end, words) in enumerate(zip(np.maximum(value, 0), texts, strict=True)):
         axes.text(end, row, f"  {words}", va="center", fontsize=8.5)
-    rows_axis(axes, names, label)
+    rows_axis(axes, names, axis)
 
 
 def cell_texts(

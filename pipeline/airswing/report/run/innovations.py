@@ -195,19 +195,21 @@ def _sounding_figure(run: Run, headings: xr.Dataset, corrected: xr.Dataset) -> F
 
 def _sounding_reports(
     headings: xr.Dataset, corrected: xr.Dataset, aircraft: Sequence[str]
-) -> tuple[pd.Index, str]:
+) -> tuple[NDArray[np.int64], str]:
     """Return the places of the reports of an ascent or descent, and the aircraft; or none."""
-    flown = headings[["flight", "phase"]].load().to_dataframe()[["phase", "flight"]]
-    flown["row"] = aircraft_of_report(headings)
-    usable = flown["phase"].isin([PHASE["ascent"], PHASE["descent"]])
-    flown = flown[usable & np.isfinite(corrected["corrected_eastward_wind"].to_numpy())]
-    groups = flown.groupby(["row", "flight", "phase"])
-    known, names = groups.size(), names_of(headings)
+    phase, wind = headings["phase"].to_numpy(), corrected["corrected_eastward_wind"].to_numpy()
+    usable = np.isin(phase, [PHASE["ascent"], PHASE["descent"]]) & np.isfinite(wind)
+    rows = {"row": aircraft_of_report(headings), "flight": headings["flight"].to_numpy()}
+    rows["phase"] = phase
+    flown = pd.DataFrame({name: values[usable] for name, values in rows.items()})
+    known, names = flown.groupby(list(rows)).size(), names_of(headings)
     known = known[known >= _SOUNDING_REPORTS]
     for row in map(names.index, aircraft):
         if row in known.index:
-            return groups.groups[(row, *known.loc[row].idxmax())], names[row]
-    return pd.Index([]), ""
+            best = pd.Series(known.xs(row)).idxmax()
+            chosen = flown.eq([row, *np.array(best)]).all(axis=1)
+            return np.flatnonzero(usable)[chosen], names[row]
+    return np.zeros(0, np.int64), ""
 
 
 def innovations_section(
@@ -223,7 +225,15 @@ def innovations_section(
         known = names_of(statistics, "reference")
         chosen = run.reference if run.reference in known else known[0]
         statistics = statistics.sel(reference=chosen)
-        lead = _lead(combined(statistics, _CELLS), chosen, units)
+        changes, whole = [], combined(statistics, _CELLS)
+        for quantity, sign in (("speed", f" {units}"), ("direction", "°")):
+            rms = _unit(quantity, units)[1] * whole[f"innovation_{quantity}_rms"]
+            before, after = (float(rms.sel(state=state)) for state, *_ in STATES)
+            if np.isfinite(before + after):
+                changes.append(f"{quantity} from {before:.1f} to {after:.1f}{sign}")
+        if changes:
+            lead = f"Rms innovation against {chosen}, before and after the correction: "
+            lead += f"{', '.join(changes)}."
         names = [name for name in run.order if name in names_of(statistics)][:_MOST_SERIES]
         parts.append(show("innovations", _innovation_figure(statistics, units), dpi=120))
         tables = [_innovation_table(statistics, by, units) for by in _CELLS]
@@ -237,15 +247,3 @@ def innovations_section(
         sounding = show("sounding", _sounding_figure(run, headings, corrected))
         parts.append(html.folded("A sounding", sounding))
     return html.Section("innovations", "Innovations (observation minus reference)", lead, parts)
-
-
-def _lead(whole: xr.Dataset, reference: str, units: Units) -> str:
-    parts = []
-    for quantity, sign in (("speed", f" {units}"), ("direction", "°")):
-        rms = _unit(quantity, units)[1] * whole[f"innovation_{quantity}_rms"]
-        before, after = (float(rms.sel(state=state)) for state, *_ in STATES)
-        if np.isfinite(before + after):
-            parts.append(f"{quantity} from {before:.1f} to {after:.1f}{sign}")
-    changes = ", ".join(parts)
-    text = f"Rms innovation against {reference}, before and after the correction: {changes}."
-    return text if parts else ""

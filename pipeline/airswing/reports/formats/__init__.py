@@ -58,11 +58,13 @@ def formats() -> dict[str, ReportFormat]:
 
 @contextmanager
 def damage_named(path: Path, title: str) -> Iterator[None]:
-    """Convert any exception of a library about a file's content to an InputError."""
+    """Name the file in every InputError, to which any exception of a library is converted."""
     try:
         yield
-    except InputError:
-        raise
+    except InputError as error:
+        found, remedy = error.found, error.remedy
+        named = InputError(error.what, file=path, field=error.field, found=found, remedy=remedy)
+        raise named from error.__cause__
     except UnicodeDecodeError as error:
         remedy = "Save it as UTF-8, or remove it"
         raise InputError("is not UTF-8 text", file=path, remedy=remedy) from error
@@ -102,7 +104,7 @@ def content_of(path: Path) -> bytes:
     with opened(path) as file:
         content = file.read(LARGEST_FILE + 1)
     if len(content) > LARGEST_FILE:
-        raise InputError(f"decompresses to more than {LARGEST_FILE:,} bytes", file=path)
+        raise InputError(f"decompresses to more than {LARGEST_FILE:,} bytes")
     return content
 
 

@@ -80,7 +80,7 @@ def _read_bufr(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
         if records:
             yield _raw(pd.DataFrame.from_records(records, columns=list(KEYS)), audit)
     if not rows:
-        raise InputError("holds no aircraft report that can be decoded", file=path)
+        raise InputError("holds no aircraft report that can be decoded")
 
 
 def _messages(content: bytes, audit: Audit) -> Iterator[bytes]:

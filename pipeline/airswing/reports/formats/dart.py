@@ -61,7 +61,7 @@ def _read_sequence(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
         )
     audit.drop("other_type", len(starts) - len(records), unread=True)
     if not records:
-        raise InputError("holds no winds or temperatures of aircraft", file=path)
+        raise InputError("holds no winds or temperatures of aircraft")
     audit.remark(
         "DART observation sequences do not name the aircraft: all reports of a type are taken as "
         "one aircraft, and compasses cannot be fitted"

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.reports.audit import Audit
-from airswing.reports.columns import LAYOUTS, Mapped, sources, with_layout
+from airswing.reports.columns import LAYOUTS, Mapped, sources
 from airswing.reports.formats import ReportFormat, content_of, is_text
 from airswing.reports.formats.tabular import merged, to_raw
 from airswing.reports.values import from_epoch, roll_flags
@@ -49,7 +49,6 @@ def _read_trace(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     if not isinstance(points, list) or not isinstance(begin, int | float):
         raise InputError(
             "is not a trace of an aircraft",
-            file=path,
             field="timestamp" if isinstance(points, list) else "trace",
             found=", ".join(map(str, content))[:200],
             remedy="Traces have icao, timestamp and trace",
@@ -62,7 +61,7 @@ def _read_trace(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     flying = [p for p, flag in zip(whole, flags, strict=True) if p[3] != "ground" and not flag & 1]
     audit.drop("on_ground_or_stale", len(whole) - len(flying), unread=True)
     if not flying:
-        raise InputError("holds no reports", file=path)
+        raise InputError("holds no reports")
     others = [p[8] if len(p) > 8 and isinstance(p[8], dict) else {} for p in flying]
 
     def floats(values: Iterable[object]) -> NDArray[np.float64]:
@@ -112,12 +111,11 @@ def _read_messages(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
     if not set(table.columns) >= _NEEDED:
         raise InputError(
             "holds no decoded Mode-S messages with positions",
-            file=path,
             field=", ".join(sorted(_NEEDED - set(table.columns))),
             found=", ".join(map(str, table.columns))[:300],
         )
     names = [str(name) for name in table.columns]
-    found = sources(names, with_layout(names, mapping), path)
+    found = sources(names, mapping)
     yield merged(to_raw(table, found, audit), audit)
 
 

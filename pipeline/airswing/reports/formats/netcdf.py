@@ -96,7 +96,6 @@ def _open_netcdf(path: Path) -> Iterator[netCDF4.Dataset]:
             if size > most:
                 raise InputError(
                     f"damaged: a variable of {size:,} bytes in a file of {path.stat().st_size:,}",
-                    file=path,
                     field=name,
                 )
         yield file
@@ -140,10 +139,10 @@ def _letters(variable: Variable) -> NDArray[np.str_]:
 
 def _read_madis(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     with _open_netcdf(path) as file:
-        yield _madis(file, path, audit)
+        yield _madis(file, audit)
 
 
-def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
+def _madis(file: netCDF4.Dataset, audit: Audit) -> pd.DataFrame:
     there = file.variables
     tail = next((name for name in _MADIS_TAILS if name in there), None)
     absent = [name for name in _REQUIRED if name not in there]
@@ -152,7 +151,6 @@ def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
         names = [*there, *(f"group {name}" for name in file.groups)]
         raise InputError(
             "is not a MADIS ACARS file",
-            file=path,
             field=", ".join(absent) or _DIMENSION,
             found=f"variables {', '.join(names[:20])}",
             remedy="Reports in NetCDF must have the variables of FSL/MADIS ACARS or of IODA; name "
@@ -160,24 +158,19 @@ def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
         )
     size = file.dimensions[_DIMENSION].size
     if not size:
-        raise InputError("holds no reports", file=path)
+        raise InputError("holds no reports")
 
     def column(name: str) -> Variable:
         """The variable, after a check that it has one value a report."""
-        if there[name].dimensions[:1] != (_DIMENSION,) or math.prod(there[name].shape) != size:
-            raise InputError(
-                "is not one value a report",
-                file=path,
-                field=name,
-                found=f"dimensions ({', '.join(there[name].dimensions)}), "
-                f"shape {there[name].shape}",
-            )
+        dimensions, shape = there[name].dimensions, there[name].shape
+        if dimensions[:1] != (_DIMENSION,) or math.prod(shape) != size:
+            found = f"dimensions ({', '.join(dimensions)}), shape {shape}"
+            raise InputError("is not one value a report", field=name, found=found)
         return there[name]
 
     def number(name: str) -> NDArray[np.float64]:
         if not np.issubdtype(there[name].dtype, np.number):
-            found = f"type {there[name].dtype}"
-            raise InputError("holds no numbers", file=path, field=name, found=found)
+            raise InputError("holds no numbers", field=name, found=f"type {there[name].dtype}")
         if name == "timeObs":
             return _numbers(column(name), np.inf, above=0.0)
         return _numbers(column(name), _LARGEST_MADIS)
@@ -186,12 +179,15 @@ def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
     for name, values in flags.items():
         if name != "rollFlag":
             audit.codes(name, Counter(value or "blank" for value in values.tolist()))
-    seconds = number("timeObs")
+    seconds, blank = number("timeObs"), np.full(size, "")
     raw: dict[str, object] = {
         "tail": _strings(there[tail]),
         "time": from_epoch(seconds),
         "time_blank": ~(seconds > 0.0),  # an impossibly late time is unparsable, not blank
         **{ours: number(name) for name, ours in _MADIS_NUMBERS.items() if name in there},
+        "roll_flag": decode_flags(
+            flags.get("rollFlag", blank), "roll_flag", audit, name="rollFlag"
+        ),
     }
     if "flight" in there and there["flight"].dimensions[:1] == (_DIMENSION,):
         raw["flight"] = _strings(there["flight"])
@@ -203,28 +199,21 @@ def _madis(file: netCDF4.Dataset, path: Path, audit: Audit) -> pd.DataFrame:
     raw["platform"] = np.array(
         [PLATFORM[name if name in ("TAMDAR", "AMDAR") else "ACARS"] for name in streams], np.int8
     )
-    blank = np.full(size, "")
-    roll = flags.get("rollFlag", blank)
-    raw["roll_flag"] = decode_flags(roll, "roll_flag", audit, name="rollFlag")
+    kind = flags.get("errorType", blank)
+    # X does not state which quantity failed: both are marked.
+    failed_alone = (flags.get("dataDescriptor", blank) == "X") & ~np.isin(kind, ("T", "W", "B"))
     for ours, letter, variables in (
         ("temperature_qc", "T", ("temp", "temperature")),
         ("wind_qc", "W", ("windDir", "windSpeed")),
     ):
-        passed, failed = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
+        passed, failed = np.zeros(size, dtype=bool), failed_alone | np.isin(kind, (letter, "B"))
         for name in variables:
             error = np.char.lower(flags.get(f"{name}Error", blank))
-            passed |= error == "p"
-            failed |= ~np.isin(error, ("p", "-", ""))
             descriptor = flags.get(f"{name}DD", blank)
-            passed |= ~np.isin(descriptor, ("", "-", "Z", *_DESCRIPTOR_FAILED))
-            failed |= np.isin(descriptor, _DESCRIPTOR_FAILED)
-        kind = flags.get("errorType", blank)
-        failed |= np.isin(kind, (letter, "B"))
-        # X does not state which quantity failed: both are marked.
-        alone = ~np.isin(kind, ("T", "W", "B"))
-        failed |= (flags.get("dataDescriptor", blank) == "X") & alone
-        quality = np.where(passed, TEMPERATURE_QC["pass"], TEMPERATURE_QC["missing"])
-        raw[ours] = np.where(failed, TEMPERATURE_QC["fail"], quality).astype(np.int8)
+            passed |= (error == "p") | ~np.isin(descriptor, ("", "-", "Z", *_DESCRIPTOR_FAILED))
+            failed |= ~np.isin(error, ("p", "-", "")) | np.isin(descriptor, _DESCRIPTOR_FAILED)
+        codes = [TEMPERATURE_QC[name] for name in ("fail", "pass", "missing")]
+        raw[ours] = np.select([failed, passed], codes[:2], codes[2]).astype(np.int8)
     return pd.DataFrame(raw)
 
 
@@ -249,14 +238,12 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
         if absent or times is None:
             raise InputError(
                 "is an IODA file without a variable that is needed in MetaData",
-                file=path,
                 field=", ".join(absent),
                 found=there,
             )
         if not found.keys() & {"eastward_wind", "air_temperature"}:
             raise InputError(
                 "is an IODA file without winds or temperatures in ObsValue",
-                file=path,
                 found=there,
                 remedy="Name a file of aircraft observations",
             )

@@ -65,7 +65,6 @@ def _read_log(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
     if number is None:
         raise InputError(
             "is not a Garmin flight deck log: none of its first lines names Lcl Date or UTC Date",
-            file=path,
             found=lines[0][:200],
             remedy="Leave out format, or map the columns of another recorder's log",
         )
@@ -80,7 +79,6 @@ def _read_log(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
     if absent:
         raise InputError(
             "is a flight deck's log without a column it needs",
-            file=path,
             field=", ".join(absent),
             found=", ".join(names[:40]),
             remedy="Headings, tracks, altitudes and positions must be among what the deck logs",
@@ -108,7 +106,7 @@ def _read_log(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
             rows += len(table)
             yield _of_deck(table, tail, columns)
     if not rows:
-        raise InputError("has a header but no reports", file=path)
+        raise InputError("has a header but no reports")
 
 
 def _of_deck(table: pd.DataFrame, tail: str, columns: dict[str, str | None]) -> pd.DataFrame:
@@ -160,7 +158,6 @@ def _read_track(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     else:
         raise InputError(
             "is not a table of Flightradar24",
-            file=path,
             found=", ".join(table.columns[:20]),
             remedy=f"Its columns are {', '.join(_GRANULAR)} or {', '.join(_PLAYBACK)}",
         )

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.physics.triangle import wrap_degrees
 from airswing.reports.audit import Audit
-from airswing.reports.columns import ONLY, TEXT, Mapped, Source, layout_of, sources, with_layout
+from airswing.reports.columns import ONLY, TEXT, Mapped, Source, layout_of, sources
 from airswing.reports.formats import ReportFormat, damage_named, is_text, opened
 from airswing.reports.values import (
     FLAGS,
@@ -56,7 +56,7 @@ Header = tuple[list[str], str, int]
 def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     header = _header(path)
     names = header[0]
-    found = sources(names, with_layout(names, mapping), path)
+    found = sources(names, mapping)
     text = {
         column
         for name, source in found.items()
@@ -96,19 +96,14 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
             audit.drop("ragged_row", int(ragged.sum()), unread=True)
             yield table.loc[~ragged] if ragged.any() else table
 
-    yield from _in_si(tables(), names, found, path, audit)
+    yield from _in_si(tables(), names, found, audit)
 
 
 def _in_si(
-    tables: Iterable[pd.DataFrame],
-    names: Sequence[str],
-    found: Mapping[str, Source],
-    path: Path,
-    audit: Audit,
+    tables: Iterable[pd.DataFrame], names: Sequence[str], found: Mapping[str, Source], audit: Audit
 ) -> Iterator[pd.DataFrame]:
     """Raw columns in SI of the pieces of a table; one piece of a table of single messages."""
-    layout = layout_of(names)
-    rows, pieces = 0, []
+    layout, rows, pieces = layout_of(names), 0, []
     for table in tables:
         rows += len(table)
         raw = to_raw(table, found, audit)
@@ -117,12 +112,11 @@ def _in_si(
         else:
             yield raw
     if not rows:
-        raise InputError("has a header but no reports", file=path)
+        raise InputError("has a header but no reports")
     for variable, source in found.items():
         if audit.repaired[f"{variable}_unparsable"] == rows:
             raise InputError(
                 "holds no numbers",
-                file=path,
                 field=source.column,
                 found=audit.examples.get(variable),
                 remedy="Write numbers alone, with a decimal point; the unit is part of the "
@@ -180,11 +174,10 @@ def _header(path: Path) -> Header:
     if len(line) >= _LONGEST_HEADER:
         raise InputError(
             f"has no header row within {_LONGEST_HEADER:,} characters",
-            file=path,
             remedy="Tables have one line a report, the first of them names the columns",
         )
     if not line.strip():
-        raise InputError("has no header row", file=path, remedy="The first row names the columns")
+        raise InputError("has no header row", remedy="The first row names the columns")
     separator = max(",;\t", key=line.count)  # a comma for a table of one column
     names: list[str] = []
     for name in next(csv.reader([line.rstrip("\r\n")], delimiter=separator)):
@@ -199,7 +192,6 @@ def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
     except ImportError as error:
         raise InputError(
             "reading Parquet needs pyarrow",
-            file=path,
             remedy="Install it with: pip install 'airswing[parquet]'",
         ) from error
     # A little at a time: whole column chunks of a large row group are hundreds of MB.
@@ -213,7 +205,7 @@ def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
             if name and name not in inside
         }
         names = [*inside, *folders]
-        found = sources(names, with_layout(names, mapping), path)
+        found = sources(names, mapping)
         every = dict.fromkeys(column for source in found.values() for column in source.columns)
 
         def tables() -> Iterator[pd.DataFrame]:
@@ -222,7 +214,7 @@ def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
                 batch.validate(full=True)  # text that is not UTF-8
                 yield batch.to_pandas(ignore_metadata=True).assign(**folders)
 
-        yield from _in_si(tables(), names, found, path, audit)
+        yield from _in_si(tables(), names, found, audit)
 
 
 def to_raw(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) -> pd.DataFrame:
