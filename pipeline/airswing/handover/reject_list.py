@@ -59,16 +59,6 @@ class Entry:
     reasons: tuple[str, ...] = ()  # in brackets at the end of the line
 
 
-@dataclass(frozen=True)
-class RejectList:
-    """A list as it was read."""
-
-    header: bytes
-    entries: list[Entry]  # every line after the header, entry or not
-    criteria: dict[str, float]  # limits by name
-    filled: int  # blank second identifiers that were replaced by dashes
-
-
 def write_reject_list(request: Request) -> dict[str, Any]:
     """Write the changed list.
 
@@ -82,14 +72,14 @@ def write_reject_list(request: Request) -> dict[str, Any]:
             field="--base",
             remedy="Give the file GSI reads (current_bad_aircraft)",
         )
-    current = read_reject_list(request.settings.base)
+    header, entries, criteria, filled = read_reject_list(request.settings.base)
     target = request.path / FILE_NAME if request.folder else request.path
     refuse_existing(request, target)
-    by_name = {_plain(aircraft["name"]): aircraft for aircraft in _judged(request, current)}
-    lines, listed = [current.header], set()
+    by_name = {_plain(aircraft["name"]): aircraft for aircraft in _judged(request, criteria)}
+    lines, listed = [header], set()
     removed: list[dict[str, Any]] = []
     kept: list[dict[str, Any]] = []
-    for entry in current.entries:
+    for entry in entries:
         line = entry.line
         if "W" in entry.flags:
             name = next(
@@ -97,7 +87,7 @@ def write_reject_list(request: Request) -> dict[str, Any]:
             )
             aircraft = by_name.get(name)
             listed.add(name)
-            passes, why = _verdict(entry, aircraft, current.criteria)
+            passes, why = _verdict(entry, aircraft, criteria)
             found = {"aircraft": entry.identifier, "why": why, **(aircraft or {})}
             if passes:
                 flags = entry.flags.replace("W", "")
@@ -128,20 +118,19 @@ def write_reject_list(request: Request) -> dict[str, Any]:
         notes.append(
             f"{len(kept)} aircraft are listed for wind; GSI holds {LARGEST_LIST} and does not test"
         )
-    if current.filled:
+    if filled:
         notes.append(
-            f"{current.filled} blank second identifiers, which match every report without one, "
+            f"{filled} blank second identifiers, which match every report without one, "
             "filled with dashes"
         )
-    entries = sum(bool(entry.flags) for entry in current.entries)
     return {
-        "files": [{"path": str(target), "entries": entries}],
-        "criteria": current.criteria,
+        "files": [{"path": str(target), "entries": sum(bool(entry.flags) for entry in entries)}],
+        "criteria": criteria,
         "taken_off": removed,
         "stay": kept,
         "not_listed": failing,
         "winds_a_day_gained": round(gained, 1),
-        "blank_identifiers_filled": current.filled,
+        "blank_identifiers_filled": filled,
         "notes": notes,
     }
 
@@ -185,10 +174,11 @@ def _plain(identifier: str) -> str:
     return identifier.strip().lstrip("0") or identifier.strip()
 
 
-def read_reject_list(path: Path) -> RejectList:
-    """Read a list; blank second identifiers are replaced by dashes.
+def read_reject_list(path: Path) -> tuple[bytes, list[Entry], dict[str, float], int]:
+    """Read a list: its header, every further line, and the limits of the criteria.
 
-    InputError if it cannot be read, has no entry, or names no criterion of wind.
+    Blank second identifiers are replaced by dashes and counted. InputError if it cannot be read,
+    has no entry, or names no criterion of wind.
     """
     try:
         content = Path(path).read_bytes()
@@ -214,7 +204,7 @@ def read_reject_list(path: Path) -> RejectList:
             f"{', '.join(WIND_CRITERIA)}",
         )
     filled = sum(a.line != b for a, b in zip(entries, lines[HEADER_LINES:], strict=True))
-    return RejectList(header, entries, criteria, filled)
+    return header, entries, criteria, filled
 
 
 def _entry(line: bytes) -> Entry:
@@ -237,7 +227,7 @@ def _entry(line: bytes) -> Entry:
     )
 
 
-def _judged(request: Request, current: RejectList) -> list[dict[str, Any]]:
+def _judged(request: Request, criteria: dict[str, float]) -> list[dict[str, Any]]:
     """Every aircraft of the archive by the criteria of wind, as reported and as corrected.
 
     Both states are judged on the reports that passed the screening and were corrected, which are
@@ -279,12 +269,12 @@ def _judged(request: Request, current: RejectList) -> list[dict[str, Any]]:
             values = {
                 criterion: float(statistics[kind][state, quantity].iloc[place])
                 for criterion in WIND_CRITERIA
-                if criterion in current.criteria
+                if criterion in criteria
                 for kind, quantity in [criterion.split("_")]
             }
             aircraft[state] = {criterion: round(value, 2) for criterion, value in values.items()}
             aircraft[f"{state}_fails"] = [
-                one for one, value in values.items() if abs(value) > current.criteria[one]
+                one for one, value in values.items() if abs(value) > criteria[one]
             ]
         judged.append(aircraft)
     return judged
