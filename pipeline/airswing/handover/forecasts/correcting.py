@@ -24,7 +24,7 @@ Wea. Rev. 116, 2417-2424). Intervals (95 %) are a bootstrap over blocks of start
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -163,18 +163,15 @@ def _ratios(
 def _known_bias(
     errors: xr.DataArray, kernel: Callable[..., Floats], setting: xr.DataArray | float
 ) -> xr.DataArray:
-    """Bias of each forecast known at its start, 0 without earlier errors."""
+    """Bias of each forecast known at its start, 0 without earlier errors.
+
+    The error of a forecast is known at the first start after its valid time, on the next day for
+    lead times up to a day.
+    """
     starts = errors[TIME].to_numpy()
     # A lead time of 24 h is one day; the margin prevents that rounding makes it two.
-    days_ahead = np.maximum(np.ceil(errors["lead"].to_numpy() / 24.0 - 1e-9), 1.0)
-    ahead = xr.DataArray(days_ahead.astype(np.int64), dims="lead")
+    ahead = np.ceil(errors["lead"] / 24.0 - 1e-9).clip(min=1.0).astype(np.int64)
     parts: list[xr.DataArray] = []
-    along_time: dict[str, Any] = {
-        "input_core_dims": [[TIME], []],
-        "output_core_dims": [[TIME]],
-        "dask": "parallelized",
-        "output_dtypes": [np.float64],
-    }
     day = starts.astype("datetime64[D]")
     hour = (starts - day).astype(np.int64)
     for one in np.unique(hour):
@@ -185,9 +182,20 @@ def _known_bias(
         source[place] = chosen
         there = xr.DataArray(source >= 0, dims=TIME)
         whole = errors.isel({TIME: source}).drop_vars(TIME).where(there)
-        bias = xr.apply_ufunc(kernel, whole, setting, **along_time)
-        known = xr.apply_ufunc(known_before, bias, ahead, **along_time)
-        parts.append(known.isel({TIME: place}).assign_coords({TIME: starts[chosen]}))
+        bias = xr.apply_ufunc(
+            kernel,
+            whole,
+            setting,
+            input_core_dims=[[TIME], []],
+            output_core_dims=[[TIME]],
+            dask="parallelized",
+            output_dtypes=[np.float64],
+        )
+        known = bias
+        for days in np.unique(ahead):
+            known = known.where(ahead != days, bias.shift({TIME: int(days)}))
+        known = known.fillna(0.0).isel({TIME: place})
+        parts.append(known.assign_coords({TIME: starts[chosen]}))
     return parts[0] if len(parts) == 1 else xr.concat(parts, TIME).sortby(TIME)
 
 
@@ -366,17 +374,3 @@ def mean_of_pairs(errors: Floats, pairs: int) -> Floats:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = (total - np.take_along_axis(by_number, earlier, axis=-1)) / (number - earlier)
     return np.asarray(mean)
-
-
-def known_before(filtered: Floats, ahead: NDArray[np.int64]) -> Floats:
-    """Bias (..., day) known at the start of a forecast, 0 without earlier errors.
-
-    ``filtered`` (..., day) is the bias after each day; ``ahead`` (...) the days from the start of a
-    forecast to the first start at which its error is known: 1 for lead times up to a day.
-    """
-    found = np.zeros_like(filtered)
-    for days in np.unique(ahead):
-        shifted = np.zeros_like(filtered)
-        shifted[..., days:] = filtered[..., : max(filtered.shape[-1] - days, 0)]
-        found = np.where(np.asarray(ahead)[..., None] == days, shifted, found)
-    return np.nan_to_num(found, nan=0.0)
