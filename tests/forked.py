@@ -1,28 +1,22 @@
 """Separate processes, forked from one that has the package imported: quick to start and to end."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import sys
 import traceback
-from collections.abc import Callable
-from multiprocessing.process import BaseProcess
 
 _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(["airswing.workflow", "matplotlib.figure"])
 
 
-def forked(function: Callable[..., object], *given: object, **options: object) -> BaseProcess:
+def forked(function, *given, **options):
     """Start a function of a test module in a process of its own."""
     process = _SERVER.Process(target=_within, args=(os.environ.copy(), function, given, options))
     process.start()
     return process
 
 
-def _within(
-    environment: dict[str, str], function: Callable[..., object], given: tuple, options: dict
-) -> None:
+def _within(environment, function, given, options):
     os.environ.update(environment)  # that of the server is from its start
     code = 0
     try:

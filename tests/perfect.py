@@ -8,11 +8,9 @@ interpolation adds no error; the remaining error is that of the ground velocity 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import airswing  # noqa: F401  (pyproj before eccodes)
@@ -49,16 +47,16 @@ class Place:
     along_grid: bool = True
 
     @property
-    def rotated(self) -> bool:
+    def rotated(self):
         return self.crs is not None and "ob_tran" in self.crs
 
     @cached_property
-    def _projection(self) -> pyproj.Transformer:
+    def _projection(self):
         sphere = "+proj=longlat +R=6371229 +no_defs"
         earth = sphere if self.rotated else pyproj.CRS(self.crs).geodetic_crs
         return pyproj.Transformer.from_crs(earth, pyproj.CRS(self.crs), always_xy=True)
 
-    def plane(self, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
+    def plane(self, lon, lat):
         """Coordinates in the units of ``step``, from the first grid point."""
         lon, lat = np.asarray(lon, float), np.asarray(lat, float)
         if self.crs is None:
@@ -67,18 +65,18 @@ class Place:
         x0, y0 = self.first if self.rotated else self._projection.transform(*self.first)
         return ((x - x0 + 180) % 360 - 180 if self.rotated else x - x0), y - y0
 
-    def index(self, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
+    def index(self, lon, lat):
         x, y = self.plane(lon, lat)
         return x / self.step[0], y / self.step[1]
 
-    def position(self, i: Any, j: Any) -> tuple[np.ndarray, np.ndarray]:
+    def position(self, i, j):
         x, y = np.asarray(i) * self.step[0], np.asarray(j) * self.step[1]
         if self.crs is None:
             return self.first[0] + x, self.first[1] + y
         x0, y0 = self.first if self.rotated else self._projection.transform(*self.first)
         return self._projection.transform(x + x0, y + y0, direction="INVERSE")
 
-    def to_earth(self, u: Any, v: Any, lon: Any, lat: Any) -> tuple[np.ndarray, np.ndarray]:
+    def to_earth(self, u, v, lon, lat):
         """True east and north components of a wind along the message's axes."""
         if self.crs is None or not self.along_grid:
             return u, v
@@ -87,7 +85,7 @@ class Place:
         angle = np.arctan2((x2 - x) * stretch, y2 - y)  # of north in the plane, clockwise from +y
         return u * np.cos(angle) - v * np.sin(angle), u * np.sin(angle) + v * np.cos(angle)
 
-    def wind(self, i: Any, j: Any, lnp: Any, hours: Any) -> tuple[np.ndarray, np.ndarray]:
+    def wind(self, i, j, lnp, hours):
         """Components as in the messages."""
         x, y = np.asarray(i) / self.size[0] - 0.5, np.asarray(j) / self.size[1] - 0.5
         if self.periodic:  # linear between grid points, and the last joins the first
@@ -100,22 +98,14 @@ class Place:
         return u, v
 
 
-def write_model(
-    place: Place,
-    folder: Path,
-    *,
-    layout: str = "pairs",
-    levels: Sequence[int] = LEVELS,
-    pascals: bool = False,
-    lead: int = 0,
-) -> None:
+def write_model(place, folder, *, layout="pairs", levels=LEVELS, pascals=False, lead=0):
     """Write one file a valid time. ``layout``: pairs, blocks, apart (u and v files) or multi."""
     folder.mkdir(parents=True, exist_ok=True)
     i, j = np.meshgrid(np.arange(place.size[0]), np.arange(place.size[1]))
     for step in range(0, 51, 3):
         base = START + timedelta(hours=step - lead)
         when = int(base.strftime("%Y%m%d")), base.hour * 100
-        options: Any = {"edition": place.edition, "when": when, "step": lead, "bits": 20}
+        options = {"edition": place.edition, "when": when, "step": lead, "bits": 20}
         us, vs = [], []
         for level in levels:
             if pascals:
@@ -136,7 +126,7 @@ def write_model(
             (folder / f"{letter}{step:03d}.grb").write_bytes(b"".join(messages))
 
 
-def _multi(pair: Sequence[bytes]) -> bytes:
+def _multi(pair):
     """Both messages as one, the second from its section 4 on."""
     handles = [eccodes.codes_new_from_message(one) for one in pair]
     multi = eccodes.codes_grib_multi_new()
@@ -150,12 +140,12 @@ def _multi(pair: Sequence[bytes]) -> bytes:
         return sink.read()
 
 
-def pressure_of(feet: np.ndarray) -> np.ndarray:
+def pressure_of(feet):
     """ICAO troposphere, Pa."""
     return 101325.0 * (1 - 0.0065 * feet * 0.3048 / 288.15) ** 5.255876
 
 
-def fly(place: Place, *, flights: int = 26, reports: int = 12, seconds: int = 180) -> pd.DataFrame:
+def fly(place, *, flights=26, reports=12, seconds=180):
     """Reports of aircraft with `DEVIATIONS` that fly straight through the model's wind.
 
     B and C are those at the mean horizontal field of the aircraft's reports, since the deviation by
@@ -209,7 +199,7 @@ def fly(place: Place, *, flights: int = 26, reports: int = 12, seconds: int = 18
     )
 
 
-def write_reports(table: pd.DataFrame, path: Path, **options: Any) -> Path:
+def write_reports(table, path, **options):
     path.parent.mkdir(parents=True, exist_ok=True)
     ready = table.copy()
     if "time" in ready and ready["time"].dtype.kind == "M":

@@ -1,14 +1,9 @@
 """Contents of gap.json written by hand, with the documented keys."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Any
 
 
-def claim(name: str = "hard_iron", **changes: Any) -> dict[str, Any]:
+def claim(name="hard_iron", **changes):
     """One entry of ``effects``."""
     entry = {
         "name": name,
@@ -23,7 +18,7 @@ def claim(name: str = "hard_iron", **changes: Any) -> dict[str, Any]:
     return entry | changes | {"tails": changes.get("tails", entry["tails"]) or []}
 
 
-def place(variable: str = "hour", **changes: Any) -> dict[str, Any]:
+def place(variable="hour", **changes):
     """One entry of ``unknown.where``."""
     entry = {
         "component": "along_heading",
@@ -36,11 +31,7 @@ def place(variable: str = "hour", **changes: Any) -> dict[str, Any]:
     return entry | changes
 
 
-def gap(
-    *claims: Mapping[str, Any],
-    unknown: Sequence[Mapping[str, Any]] = (),
-    closure: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
+def gap(*claims, unknown=(), closure=None):
     """The content of gap.json."""
     stated = {"before": 7.0, "after": 6.5, "ci": [6.4, 6.6]} if closure is None else closure
     return {
@@ -52,10 +43,10 @@ def gap(
     }
 
 
-def informed(root: Path) -> Callable[..., dict[str, Any]]:
+def informed(root):
     """A diagnosis that reads the sealed labels of the check in a folder."""
 
-    def diagnosis(config: Path, output: Path, without: Sequence[str]) -> dict[str, Any]:
+    def diagnosis(config, output, without):
         labels = json.loads((root / "sealed" / "labels.json").read_text())
         label = next(one for one in labels if one["name"] == config.parent.name)
         effects = [claim(**one) for one in label["effects"] if one["name"] not in without]

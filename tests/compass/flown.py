@@ -43,7 +43,7 @@ def wrap(angle):
     return (angle + 180.0) % 360.0 - 180.0
 
 
-def fly(deviation, setting: Setting, seed: int) -> tuple[xr.Dataset, dict]:
+def fly(deviation, setting, seed):
     """HEADINGS Dataset of a fleet with known deviations (aircraft, 5) in degrees, and the truth."""
     rng = np.random.default_rng(seed)
     s = setting
@@ -138,7 +138,7 @@ def _degrees(vector):
     return np.degrees(np.arctan2(vector[..., 0], vector[..., 1]))
 
 
-def fleet_deviations(aircraft: int, rng, *, two_cycles: float = 0.7, amplitude: float = 6.0):
+def fleet_deviations(aircraft, rng, *, two_cycles=0.7, amplitude=6.0):
     """Deviations of a fleet: offset, one cycle up to ``amplitude``, two cycles of that spread."""
     offset = rng.normal(0, 1.0, aircraft)
     size, phase = rng.uniform(0.5, amplitude, aircraft), rng.uniform(0, 2 * np.pi, aircraft)

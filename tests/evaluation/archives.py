@@ -3,10 +3,7 @@
 Built on the fit's simulator: what it makes is moved by errors of the reference wind given here.
 """
 
-from __future__ import annotations
-
 import numpy as np
-import xarray as xr
 from scipy.signal import lfilter
 
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
@@ -25,22 +22,22 @@ LASTING_ERRORS = Setting(
 """Two references whose errors last for days, over eight aircraft without a bias."""
 
 
-def day_number(ds: xr.Dataset) -> np.ndarray:
+def day_number(ds):
     return (ds["time"].to_numpy() - ORIGIN).astype("timedelta64[D]").astype(int)
 
 
-def flown(deviation: np.ndarray, setting: Setting, seed: int) -> xr.Dataset:
+def flown(deviation, setting, seed):
     """Headings of a fleet with known deviations (aircraft, 5), degrees, with places."""
     return placed(fly(deviation, setting, seed)[0], seed)
 
 
-def fleet(seed: int, setting: Setting, **options) -> tuple[xr.Dataset, np.ndarray]:
+def fleet(seed, setting, **options):
     """Headings of a fleet with drawn deviations, and those deviations (degrees)."""
     deviation = fleet_deviations(setting.aircraft, np.random.default_rng([seed, 7]), **options)
     return flown(deviation, setting, seed), deviation
 
 
-def with_change(seed: int, setting: Setting, *, day: int, change: np.ndarray) -> xr.Dataset:
+def with_change(seed, setting, *, day, change):
     """The same flights in the same weather, the deviations moved by ``change`` from a day on."""
     first, deviation = fleet(seed, setting, amplitude=4.0)
     second = flown(deviation + change, setting, seed)
@@ -55,16 +52,14 @@ def with_change(seed: int, setting: Setting, *, day: int, change: np.ndarray) ->
     )
 
 
-def persistent_error(
-    seed: int, days: int, *, size: float, persistence: float, columns: int = 2
-) -> np.ndarray:
+def persistent_error(seed, days, *, size, persistence, columns=2):
     """Errors of consecutive days, (day, column), first-order autoregressive."""
     rng = np.random.default_rng([seed, 11])
     shock = rng.normal(0, size * np.sqrt(1 - persistence**2), (days + 60, columns))
     return lfilter([1.0], [1.0, -persistence], shock, axis=0)[60:]
 
 
-def moved(ds: xr.Dataset, reference: str, du: np.ndarray, dv: np.ndarray) -> xr.Dataset:
+def moved(ds, reference, du, dv):
     """Headings as they would be, were a reference's wind off by (du, dv) more, m/s a report."""
     k = list(ds["reference"].to_numpy()).index(reference)
     psi, airspeed = np.radians(ds["heading"].to_numpy()), ds["airspeed"].to_numpy()
@@ -87,7 +82,7 @@ def moved(ds: xr.Dataset, reference: str, du: np.ndarray, dv: np.ndarray) -> xr.
     )
 
 
-def placed(ds: xr.Dataset, seed: int) -> xr.Dataset:
+def placed(ds, seed):
     """Give every flight a place, a level and a lead time."""
     rng = np.random.default_rng([seed, 13])
     flight = ds["flight"].to_numpy()
@@ -105,14 +100,7 @@ def placed(ds: xr.Dataset, seed: int) -> xr.Dataset:
     )
 
 
-def references(
-    seed: int,
-    setting: Setting,
-    *,
-    size: float = 1.2,
-    persistence: float = 0.5,
-    regional: dict[str, float] | None = None,
-) -> xr.Dataset:
+def references(seed, setting, *, size=1.2, persistence=0.5, regional=None):
     """Headings against references of equal truth; the errors of each persist from day to day.
 
     ``regional`` adds an eastward bias (m/s) to a reference west of 88 W.

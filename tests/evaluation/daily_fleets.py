@@ -13,7 +13,6 @@ from scipy.signal import lfilter
 
 from airswing.evaluation.monitoring.changes import (
     CompassDays,
-    CompassWatch,
     compass_design,
     compass_watch,
     without_flight_bias,
@@ -45,7 +44,7 @@ class World:
     """Share of flights whose direction depends on the sign of the regional error."""
 
 
-def watched(world: World, *, aircraft: int, days: int, seed: int, change=None) -> CompassWatch:
+def watched(world, *, aircraft, days, seed, change=None):
     """The test of a fleet's compasses; ``change`` as for :func:`daily_sums`."""
     rows = daily_sums(world, aircraft=aircraft, days=days, seed=seed, change=change)
     order = np.lexsort((rows[1], rows[0]))
@@ -53,7 +52,7 @@ def watched(world: World, *, aircraft: int, days: int, seed: int, change=None) -
     return compass_watch(np.array([f"N{k}" for k in range(aircraft)]), sums)
 
 
-def daily_sums(world: World, *, aircraft: int, days: int, seed: int, change=None):
+def daily_sums(world, *, aircraft, days, seed, change=None):
     """Rows of a fleet: aircraft, day, normal, right; reports and summed ln |dV| last.
 
     ``change``: degrees that compasses read more, (aircraft, day, 5) or what broadcasts to it.

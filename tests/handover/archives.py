@@ -1,9 +1,5 @@
 """Small archives of corrected reports, in memory, for tests of the exports."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import xarray as xr
 
@@ -14,13 +10,13 @@ NOON = np.datetime64("2008-07-15T12:00:00", "ns")
 SECOND = np.timedelta64(1, "s")
 
 
-def corrected(sizes: dict[str, int], **columns: Any) -> xr.Dataset:
+def corrected(sizes, **columns):
     """Corrected reports of some aircraft, all fit for export unless columns say otherwise.
 
     ``sizes`` are reports by aircraft; a column is one value for all reports, or one for each.
     """
     count = sum(sizes.values())
-    ds: dict[str, Any] = {
+    ds = {
         "time": NOON + 60 * SECOND * np.arange(count),
         "latitude": np.linspace(40.0, 45.0, count),
         "longitude": np.linspace(-95.0, -85.0, count),

@@ -5,10 +5,7 @@ text that is not a number is an error, also asterisks. A short line is filled up
 an end of line of DOS is no part of it (as gfortran reads).
 """
 
-from __future__ import annotations
-
 import re
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +18,7 @@ class FileEndError(EOFError):
     """IOSTAT < 0."""
 
 
-def real(field: str, decimals: int) -> float:
+def real(field, decimals):
     text = field.strip()
     if not text:
         return 0.0
@@ -37,7 +34,7 @@ def real(field: str, decimals: int) -> float:
     return float(np.float32(value * 10.0 ** int(exponent or 0)))
 
 
-def integer(field: str) -> int:
+def integer(field):
     text = field.strip()
     if not text:
         return 0
@@ -46,14 +43,14 @@ def integer(field: str) -> int:
     return int(text)
 
 
-def logical(field: str) -> bool:
+def logical(field):
     text = field.strip().lstrip(".").upper()
     if text[:1] not in ("T", "F"):
         raise ReadError(f"bad logical {field!r}")
     return text[0] == "T"
 
 
-def fields(line: str, *layout: tuple[str, int, Any]) -> dict[str, Any]:
+def fields(line, *layout):
     """Fields of a line by name, width and kind (a text, i, l, or the decimals of a real number).
 
     A field without a name is skipped.
@@ -70,13 +67,13 @@ def fields(line: str, *layout: tuple[str, int, Any]) -> dict[str, Any]:
 class Lines:
     """A file read line by line; each line as wide as it is asked for."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text):
         self._lines = text.split("\n")
         if self._lines and self._lines[-1] == "":
             self._lines.pop()
         self.at = 0
 
-    def next(self) -> str:
+    def next(self):
         if self.at >= len(self._lines):
             raise FileEndError
         self.at += 1

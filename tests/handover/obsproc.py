@@ -4,10 +4,7 @@ Written for tests: the same columns, the same rules for losing, merging, replaci
 for aircraft reports in 3D-Var mode. The domain is left out.
 """
 
-from __future__ import annotations
-
 from datetime import datetime, timedelta
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +17,7 @@ COUNTS = ("num_vld_fld", "num_error", "num_warning", "seq_num", "num_dups")
 HIGHEST_REPORTED = 3000.0
 
 
-def raw(text: str) -> list[dict[str, Any]]:
+def raw(text):
     """Reports as read; those that trouble the reader are lost as they are in OBSPROC."""
     lines, found = Lines(text), []
     while True:
@@ -32,7 +29,7 @@ def raw(text: str) -> list[dict[str, Any]]:
             found.append(report | {"n": len(found) + 1})
 
 
-def _report(lines: Lines) -> dict[str, Any] | None:
+def _report(lines):
     try:
         report = _header(lines.next())
     except ReadError:
@@ -51,7 +48,7 @@ def _report(lines: Lines) -> dict[str, Any] | None:
     return report
 
 
-def _skip(lines: Lines) -> None:
+def _skip(lines):
     """Lines are tried as levels up to the next end record."""
     while True:
         try:
@@ -63,7 +60,7 @@ def _skip(lines: Lines) -> None:
             return
 
 
-def _header(line: str) -> dict[str, Any]:
+def _header(line):
     found = fields(
         line,
         *(("lat", 20, 5), ("lon", 20, 5), ("id", 40, "a"), ("name", 40, "a")),
@@ -80,17 +77,17 @@ def _header(line: str) -> dict[str, Any]:
     return found | {"obsproc_type": KINDS.get(found["fm"], "OTHER")}
 
 
-def pairs(line: str, number: int) -> list[tuple[float, int]]:
+def pairs(line, number):
     """Values and their qualities."""
     parts = (fields(line[20 * k :], ("x", 13, 5), ("q", 7, "i")) for k in range(number))
     return [(part["x"], part["q"]) for part in parts]
 
 
-def _level(line: str) -> dict[str, tuple[float, int]]:
+def _level(line):
     return dict(zip(NAMES, pairs(line, len(NAMES)), strict=True))
 
 
-def _measurements(lines: Lines) -> list[dict[str, tuple[float, int]]]:
+def _measurements(lines):
     found = []
     while True:
         level = _level(lines.next())
@@ -99,9 +96,7 @@ def _measurements(lines: Lines) -> list[dict[str, tuple[float, int]]]:
         found.append(level)
 
 
-def processed(
-    text: str, begin: datetime, analysis: datetime, end: datetime
-) -> list[dict[str, Any]]:
+def processed(text, begin, analysis, end):
     """Reports that reach ob.ascii, in order of time, of the three kinds of aircraft."""
     kept = []
     for report in raw(text):
@@ -117,7 +112,7 @@ def processed(
     return sorted(kept, key=lambda report: report["time"])
 
 
-def _moment(date: str) -> datetime:
+def _moment(date):
     try:
         moment = datetime.strptime(date, "%Y%m%d%H%M%S")
     except ValueError:
@@ -125,7 +120,7 @@ def _moment(date: str) -> datetime:
     return moment if date[:2] in ("19", "20") and date.isdigit() else datetime(1900, 1, 1)
 
 
-def _converted(level: dict[str, tuple[float, int]], fm: int) -> dict[str, tuple[float, int]]:
+def _converted(level, fm):
     """Pressure from an aircraft's height, where its quality says that the height is good."""
     height, quality = level["z"]
     if fm in (42, 96, 97) and quality == 0 and height > HIGHEST_REPORTED:
@@ -134,9 +129,9 @@ def _converted(level: dict[str, tuple[float, int]], fm: int) -> dict[str, tuple[
     return level
 
 
-def _joined(levels: list[dict[str, tuple[float, int]]]) -> list[dict[str, tuple[float, int]]]:
+def _joined(levels):
     """In order of falling pressure; of levels less than 1 Pa apart the first stays."""
-    found: list[dict[str, tuple[float, int]]] = []
+    found = []
     for level in levels:
         if level["p"][0] == MISSING and level["z"][0] == MISSING:
             continue
@@ -146,9 +141,9 @@ def _joined(levels: list[dict[str, tuple[float, int]]]) -> list[dict[str, tuple[
     return sorted(found, key=lambda level: -level["p"][0])
 
 
-def _without_duplicates(reports: list[dict[str, Any]], analysis: datetime) -> list[dict[str, Any]]:
+def _without_duplicates(reports, analysis):
     """Merge reports of one place and time; of one place keep the nearest to the analysis."""
-    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    groups = {}
     for report in reports:
         key = (report["id"], report["name"], report["platform"][3:6])
         for group in groups.setdefault(key, []):
@@ -163,7 +158,7 @@ def _without_duplicates(reports: list[dict[str, Any]], analysis: datetime) -> li
             groups[key].append({"reports": [report]})
     found = []
     for group in (one["reports"] for groups_of in groups.values() for one in groups_of):
-        merged: dict[datetime, dict[str, Any]] = {}
+        merged = {}
         for report in group:
             first = merged.setdefault(report["time"], report)
             if first is not report:
@@ -172,7 +167,7 @@ def _without_duplicates(reports: list[dict[str, Any]], analysis: datetime) -> li
     return found
 
 
-def _judged(level: dict[str, tuple[float, int]]) -> dict[str, tuple[float, int]]:
+def _judged(level):
     """Wind and qualities as they go into ob.ascii."""
     (speed, speed_qc), (direction, direction_qc) = level["speed"], level["dir"]
     wind = speed >= np.float32(0.1) and 0.001 < direction <= 360.0
@@ -186,7 +181,7 @@ def _judged(level: dict[str, tuple[float, int]]) -> dict[str, tuple[float, int]]
     }
 
 
-def reduced(quality: int) -> int:
+def reduced(quality):
     """Quality of ob.ascii for one of LITTLE_R (qc_reduction.F90)."""
     if quality < 0:
         return NO_DATA

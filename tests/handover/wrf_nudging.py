@@ -4,10 +4,7 @@ The same columns and the same fatal errors. A wind counts on reading where its q
 30,000 and it is not u = v = 0; quality 129 marks earth-relative components.
 """
 
-from __future__ import annotations
-
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +17,7 @@ class FatalError(RuntimeError):
     """The model stops."""
 
 
-def raw(text: str) -> list[dict[str, Any]]:
+def raw(text):
     """Every value as read, and the platform by the reader's rules."""
     lines, found, last = Lines(text), [], -np.inf
     while True:
@@ -33,7 +30,7 @@ def raw(text: str) -> list[dict[str, Any]]:
         found.append(report)
 
 
-def _report(lines: Lines, number: int) -> dict[str, Any]:
+def _report(lines, number):
     date = lines.next()[1:15]
     try:
         moment = datetime.strptime(date, "%Y%m%d%H%M%S")
@@ -47,7 +44,7 @@ def _report(lines: Lines, number: int) -> dict[str, Any]:
         raise FatalError(str(err) or "end of file in a report") from err
 
 
-def _rest(lines: Lines, number: int, date: str, moment: datetime) -> dict[str, Any]:
+def _rest(lines, number, date, moment):
     report = {
         "n": number,
         "date": date,
@@ -72,7 +69,7 @@ def _rest(lines: Lines, number: int, date: str, moment: datetime) -> dict[str, A
     return report
 
 
-def _platform(platform: str, name: str) -> str:
+def _platform(platform, name):
     if name[1:9] == "PROFILER":
         platform = platform[:6] + "PROFILER" + platform[14:]
     if name[1:6] == "ACARS":
@@ -84,7 +81,7 @@ def _platform(platform: str, name: str) -> str:
     return platform
 
 
-def _plfo(platform: str) -> float:
+def _plfo(platform):
     kind = 99.0
     for word, first, number in (
         ("METAR", 6, 1.0),
@@ -104,6 +101,6 @@ def _plfo(platform: str) -> float:
     return kind
 
 
-def _level(line: str, pairs: int) -> list[tuple[float, float]]:
+def _level(line, pairs):
     part = (("value", 11, 3), ("", 1, "a"), ("qc", 11, 3))
     return [tuple(fields(line[1 + 24 * k :], *part).values()) for k in range(pairs)]

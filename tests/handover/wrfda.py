@@ -3,11 +3,8 @@
 Written for tests: the same columns, rules for using and losing reports, and fatal errors.
 """
 
-from __future__ import annotations
-
 import re
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +19,7 @@ class CrashError(RuntimeError):
     """The program ends with a run-time error."""
 
 
-def formats(lines: Lines) -> dict[str, str]:
+def formats(lines):
     """Read up to the formats and the one line behind them."""
     while not lines.next().startswith("EACH  "):
         pass
@@ -36,7 +33,7 @@ def formats(lines: Lines) -> dict[str, str]:
     return found
 
 
-def read(text: str) -> tuple[list[dict[str, Any]], bool]:
+def read(text):
     """Every report as read, and whether the file ended where a report ended."""
     lines, reports = Lines(text), []
     formats(lines)
@@ -57,7 +54,7 @@ def read(text: str) -> tuple[list[dict[str, Any]], bool]:
         reports.append(_assigned(report))
 
 
-def _info(line: str) -> dict[str, Any]:
+def _info(line):
     found = fields(
         line,
         *(("platform", 12, "a"), ("", 1, "a"), ("date", 19, "a"), ("", 1, "a"), ("name", 40, "a")),
@@ -74,17 +71,17 @@ def _info(line: str) -> dict[str, Any]:
     return found
 
 
-def _surface(line: str) -> None:
+def _surface(line):
     part = (("value", 12, 3), ("qc", 4, "i"), ("error", 7, 2))
     fields(line, *part), fields(line[23:], *part[:2], ("error", 7, 3))
 
 
-def _level(line: str) -> dict[str, tuple[float, int, float]]:
+def _level(line):
     part = (("value", 12, 3), ("qc", 4, "i"), ("error", 7, 2))
     return {name: tuple(fields(line[first:], *part).values()) for name, first in COLUMNS.items()}
 
 
-def _assigned(report: dict[str, Any]) -> dict[str, Any]:
+def _assigned(report):
     report["type"] = TYPES.get(report["fm"], "other")
     date = report["date"]
     if not re.fullmatch(r"\d{4}-\d\d-\d\d_\d\d:\d\d:\d\d", date):

@@ -1,29 +1,18 @@
 """GRIB messages of every grid and packing, built by eccodes for the tests."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import eccodes
 import numpy as np
 
 import airswing  # noqa: F401
 
 
-def grid_keys(
-    kind: str,
-    size: tuple[int, int],
-    first: tuple[float, float],
-    last: tuple[float, float] | None = None,
-    **more: Any,
-) -> dict[str, Any]:
+def grid_keys(kind, size, first, last=None, **more):
     """Keys of ecCodes for a grid that scans to the east and north; points are longitude, latitude.
 
     Increments of grids in degrees follow from the corners.
     """
     counts = ("Nx", "Ny") if kind in ("lambert", "polar_stereographic") else ("Ni", "Nj")
-    keys: dict[str, Any] = {"gridType": kind, **dict(zip(counts, size, strict=True))}
+    keys = {"gridType": kind, **dict(zip(counts, size, strict=True))}
     for name, point in (("First", first), ("Last", last)):
         if point is not None:
             keys[f"latitudeOf{name}GridPointInDegrees"] = point[1]
@@ -59,19 +48,19 @@ _EDITION_1 = {
 
 
 def build(
-    keys: dict[str, Any],
-    values: np.ndarray | None = None,
+    keys,
+    values=None,
     *,
-    edition: int = 2,
-    parameter: str = "u",
-    level: int = 500,
-    when: tuple[int, int] = (20090801, 1200),
-    step: int = 0,
-    packing: str = "grid_simple",
-    bits: int = 16,
-    extra: dict[str, Any] | None = None,
-    pv: np.ndarray | None = None,
-) -> bytes:
+    edition=2,
+    parameter="u",
+    level=500,
+    when=(20090801, 1200),
+    step=0,
+    packing="grid_simple",
+    bits=16,
+    extra=None,
+    pv=None,
+):
     """A message of the given grid; `values` in message order, NaN where missing."""
     sample = _EDITION_1.get(keys["gridType"], "regular_ll_pl_grib1")
     handle = eccodes.codes_grib_new_from_samples("GRIB2" if edition == 2 else sample)
@@ -101,12 +90,10 @@ def build(
         eccodes.codes_release(handle)
 
 
-def _identify(
-    handle: int, edition: int, parameter: str, level: int, when: tuple[int, int], step: int
-) -> None:
+def _identify(handle, edition, parameter, level, when, step):
     if edition == 1:
         number = {"u": 33, "v": 34, "t": 11}[parameter]
-        keys: dict[str, Any] = {"centre": 59, "table2Version": 2, "indicatorOfParameter": number}
+        keys = {"centre": 59, "table2Version": 2, "indicatorOfParameter": number}
         keys |= {"indicatorOfTypeOfLevel": 100, "timeRangeIndicator": 0, "unitOfTimeRange": 1}
     else:
         pair = {"u": (2, 2), "v": (2, 3), "t": (0, 0)}[parameter]
@@ -119,7 +106,7 @@ def _identify(
         eccodes.codes_set(handle, key, value)
 
 
-def write(path: Path, *messages: bytes) -> str:
+def write(path, *messages):
     """A file of messages; its path."""
     path.write_bytes(b"".join(messages))
     return str(path)

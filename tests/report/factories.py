@@ -1,14 +1,10 @@
 """Products of simulated flights, as figures and pages take them."""
 
-from __future__ import annotations
-
 import json
 from datetime import date
 from functools import cache
-from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from airswing.compass.correction import add_tables, correct
 from airswing.compass.fit.deviation import fit_deviation
@@ -26,7 +22,7 @@ READ = {"reports_read": 2500, "files": 1, "dropped": {"duplicate": 12, "impossib
 
 
 @cache
-def _products() -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
+def _products():
     setting = Setting(aircraft=6, days=20, references=3, flights_a_day=3, reports_a_flight=14)
     headings, _ = fleet(1, setting, amplitude=4.0)
     fits = add_tables(fit_deviation(headings, pools=POOLS), headings).compute()
@@ -42,13 +38,13 @@ def _products() -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
     return headings, fits, corrected
 
 
-def products() -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
+def products():
     """Headings, fits and corrected winds of six aircraft; the fits of the last are refused."""
     headings, fits, corrected = (ds.copy(deep=True) for ds in _products())
     return headings, fits, corrected
 
 
-def few(aircraft: int = 2, reports: int = 60) -> tuple[xr.Dataset, xr.Dataset]:
+def few(aircraft=2, reports=60):
     """Headings and fits of any number of aircraft, some of the same over and over."""
     headings, fits, _ = products()
     size = int(headings["row_size"][0])
@@ -61,7 +57,7 @@ def few(aircraft: int = 2, reports: int = 60) -> tuple[xr.Dataset, xr.Dataset]:
 
 
 @cache
-def field_tested() -> dict[str, Any]:
+def field_tested():
     """Content of field_test.json."""
     headings = _products()[0]
     flags = dict.fromkeys(("roll_flag", "temperature_qc"), headings["phase"] * 0)
@@ -71,12 +67,12 @@ def field_tested() -> dict[str, Any]:
 
 
 @cache
-def compared() -> dict[str, Any]:
+def compared():
     """Content of sensitivity.json."""
     return dict(compare(_products()[0], pools=POOLS, never_pool=["nam"]))
 
 
-def curve(values: np.ndarray, heading: np.ndarray) -> np.ndarray:
+def curve(values, heading):
     """Heading error (degrees) of A..E at headings (degrees)."""
     m = np.radians(heading)
     basis = np.stack([np.ones_like(m), np.sin(m), np.cos(m), np.sin(2 * m), np.cos(2 * m)], -1)

@@ -1,16 +1,12 @@
 """Content of gap.json and gap.nc of a small made-up diagnosis."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import xarray as xr
 
 TAILS = [f"N{401 + k}" for k in range(14)]
 
 
-def effect(name: str, *tails: str, **given: Any) -> dict[str, Any]:
+def effect(name, *tails, **given):
     """Return an effect found on aircraft."""
     return {
         "name": name,
@@ -27,7 +23,7 @@ def effect(name: str, *tails: str, **given: Any) -> dict[str, Any]:
     } | given
 
 
-def iron(*tails: str, **given: Any) -> dict[str, Any]:
+def iron(*tails, **given):
     """Return a hard iron on aircraft."""
     return effect(
         "hard_iron",
@@ -38,7 +34,7 @@ def iron(*tails: str, **given: Any) -> dict[str, Any]:
     )
 
 
-def place(**given: Any) -> dict[str, Any]:
+def place(**given):
     """Return an error by temperature that no catalogue effect explains."""
     edges = np.linspace(-60.0, 10.0, 9).tolist()
     values = np.linspace(-1.0, 1.0, 8).tolist()
@@ -58,7 +54,7 @@ def place(**given: Any) -> dict[str, Any]:
     } | given
 
 
-def slice_entry(variable: str, values: list[str], share: float, q_value: float) -> dict[str, Any]:
+def slice_entry(variable, values, share, q_value):
     """Return one slice of the gap."""
     return {
         "variable": variable,
@@ -69,7 +65,7 @@ def slice_entry(variable: str, values: list[str], share: float, q_value: float) 
     }
 
 
-def content(*effects: dict[str, Any], **changes: Any) -> dict[str, Any]:
+def content(*effects, **changes):
     """Return the content of gap.json."""
     places = changes.pop("places", [])
     closure = {
@@ -110,7 +106,7 @@ def content(*effects: dict[str, Any], **changes: Any) -> dict[str, Any]:
     } | changes
 
 
-def maps() -> xr.Dataset:
+def maps():
     """Return the maps of gap.nc."""
     rng = np.random.default_rng(1)
     heading = rng.normal(0, 2, (14, 8))

@@ -5,11 +5,8 @@ from __future__ import annotations
 import re
 import sys
 from html.parser import HTMLParser
-from pathlib import Path
-from typing import Any
 
 import matplotlib
-from matplotlib.figure import Figure
 
 from airswing.report import html
 
@@ -24,23 +21,23 @@ class Balance(HTMLParser):
 
     void = frozenset({"meta", "img", "br", "link", "input", "hr"})
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
-        self.open: list[str] = []
-        self.addresses: list[str] = []
+        self.open = []
+        self.addresses = []
         self.images = 0
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         if tag not in self.void:
             self.open.append(tag)
         self.images += tag == "img"
         self.addresses += [str(v) for k, v in attrs if k in {"src", "href"}]
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
 
-def check_page(written: Path) -> tuple[str, Balance]:
+def check_page(written):
     """No tag stays open, nothing is fetched, and every figure is a file as well."""
     text, found = written.read_text("utf-8"), Balance()
     found.feed(text)
@@ -56,12 +53,12 @@ def check_page(written: Path) -> tuple[str, Balance]:
     return text, found
 
 
-def check_no_knots(text: str) -> None:
+def check_no_knots(text):
     words = re.sub(r"<[^>]*>", " ", text.split("<main>")[1].split("<script>")[0])
     assert not re.search(r"\d kt\b|\(kt\)", words)
 
 
-def check_figure(figure: Any) -> None:
+def check_figure(figure):
     """A figure counts what it shows and names its axes with units."""
     assert re.search(r"n = [\d,]+", figure.caption), figure.caption
     assert "nan" not in figure.caption
@@ -76,16 +73,16 @@ class Drawn(html.Figures):
 
     last: Drawn
 
-    def __init__(self, *given: Any, **options: Any) -> None:
+    def __init__(self, *given, **options):
         super().__init__(*given, **options)
-        self.made: dict[str, Any] = {}
+        self.made = {}
         Drawn.last = self
 
-    def __call__(self, name: str, figure: Figure, **options: float) -> str:  # type: ignore[override]
+    def __call__(self, name, figure, **options):
         check_figure(figure)
         self.made[name] = figure
         return super().__call__(name, figure, **options)
 
 
-def labels(axes: Any) -> list[str]:
+def labels(axes):
     return [one.get_text() for one in axes.get_yticklabels()]

@@ -1,17 +1,12 @@
 """Report tables for the tests: one plain row, and whole flights, in canonical columns."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 
-def row(**values: Any) -> dict[str, Any]:
+def row(**values):
     """One good report with some values replaced."""
     return {
         "tail": "N412XJ",
@@ -30,13 +25,13 @@ def row(**values: Any) -> dict[str, Any]:
 
 def flight(
     *,
-    start: str = "2009-01-05T12:00:00",
-    seconds: Any = None,
-    longitude: float = -87.0,
-    speed: float = 120.0,
-    altitude_ft: Any = 20000.0,
-    **values: Any,
-) -> pd.DataFrame:
+    start="2009-01-05T12:00:00",
+    seconds=None,
+    longitude=-87.0,
+    speed=120.0,
+    altitude_ft=20000.0,
+    **values,
+):
     """Reports of a flight due east at a steady speed (m/s), in canonical columns."""
     seconds = np.arange(10) * 180.0 if seconds is None else np.asarray(seconds, dtype=float)
     degrees = longitude + speed * seconds / (111_195.0 * np.cos(np.radians(41.5)))
@@ -54,13 +49,13 @@ def flight(
     )
 
 
-def write(path: Path, rows: list[dict[str, Any]] | pd.DataFrame) -> Path:
+def write(path, rows):
     """Write rows as CSV; an absent value is an empty field."""
     pd.DataFrame(rows).to_csv(path, index=False)
     return path
 
 
-def audit_of(reports: xr.Dataset) -> dict[str, Any]:
+def audit_of(reports):
     """Counts of the reading of a Dataset."""
-    found: dict[str, Any] = json.loads(reports.attrs["reading_audit"])
+    found = json.loads(reports.attrs["reading_audit"])
     return found

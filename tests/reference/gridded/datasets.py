@@ -1,9 +1,6 @@
 """Datasets that look like those people have, and winds at points worked out another way."""
 
-from __future__ import annotations
-
 from functools import cache
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,7 +9,7 @@ from pyproj import CRS, Proj
 START = np.datetime64("2022-11-11T00:00", "ns")
 HOUR = np.timedelta64(3600, "s").astype("m8[ns]")
 LEVELS = np.array([200.0, 300.0, 500.0, 700.0, 850.0, 1000.0])  # hPa
-MAPPINGS: dict[str, dict[str, Any]] = {
+MAPPINGS = {
     "lambert": {
         "grid_mapping_name": "lambert_conformal_conic",
         "standard_parallel": [30.0, 60.0],
@@ -50,7 +47,7 @@ MAPPINGS: dict[str, dict[str, Any]] = {
 }
 
 
-def fields(shape: tuple[int, ...], seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+def fields(shape, seed=3):
     """Rough winds: a wrong neighbour shows."""
     rng = np.random.default_rng(seed)
     u, v = rng.normal(10.0, 15.0, (2, *shape))
@@ -58,11 +55,11 @@ def fields(shape: tuple[int, ...], seed: int = 3) -> tuple[np.ndarray, np.ndarra
 
 
 @cache  # PROJ looks an unnamed datum up among all for each: a tenth of a second
-def crs_of(kind: str) -> CRS:
+def crs_of(kind):
     return CRS.from_cf(MAPPINGS[kind])
 
 
-def axes_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
+def axes_of(kind):
     """x and y (m, or degrees of a rotated frame) of a grid over North America."""
     if kind == "rotated":
         return np.arange(-12.0, 12.01, 0.75), np.arange(-9.0, 9.01, 0.75)
@@ -72,7 +69,7 @@ def axes_of(kind: str) -> tuple[np.ndarray, np.ndarray]:
     return x + steps, y + steps
 
 
-def projected(kind: str, *, units: str = "m") -> xr.Dataset:
+def projected(kind, *, units="m"):
     """Winds along a projected grid on pressure levels, as CF has them."""
     x, y = axes_of(kind)
     u, v = fields((2, LEVELS.size, y.size, x.size))
@@ -97,9 +94,7 @@ def projected(kind: str, *, units: str = "m") -> xr.Dataset:
     )
 
 
-def latlon(
-    *, latitude: np.ndarray, longitude: np.ndarray, hours: int = 2, seed: int = 3
-) -> xr.Dataset:
+def latlon(*, latitude, longitude, hours=2, seed=3):
     """ERA5 as the Climate Data Store gave it until 2024."""
     u, v = fields((hours, LEVELS.size, latitude.size, longitude.size), seed)
     dims = ("time", "level", "latitude", "longitude")
@@ -118,7 +113,7 @@ def latlon(
     )
 
 
-def points(lat: Any, lon: Any, pressure: Any, *, after: float = 0.0) -> xr.Dataset:
+def points(lat, lon, pressure, *, after=0.0):
     """Reports, `after` hours after the first time."""
     columns = np.broadcast_arrays(*(np.asarray(one, dtype=float) for one in (lat, lon, pressure)))
     names = ("latitude", "longitude", "pressure")
@@ -127,14 +122,7 @@ def points(lat: Any, lon: Any, pressure: Any, *, after: float = 0.0) -> xr.Datas
     return xr.Dataset(found | {"time": ("report", np.full(columns[0].size, when))})
 
 
-def by_hand(
-    u: np.ndarray,
-    v: np.ndarray,
-    levels: np.ndarray,
-    fi: np.ndarray,
-    fj: np.ndarray,
-    pressure: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+def by_hand(u, v, levels, fi, fj, pressure):
     """Report by report: ln p in each of four columns, then across them; fields (level, y, x).
 
     `levels` (Pa) by level, or by level, y and x; columns wrap round.
@@ -157,12 +145,12 @@ def by_hand(
     return found[0], found[1]
 
 
-def turned(u: np.ndarray, v: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def turned(u, v, angle):
     """Components along a grid whose north lies an angle (rad) clockwise of true north."""
     return u * np.cos(angle) + v * np.sin(angle), -u * np.sin(angle) + v * np.cos(angle)
 
 
-def winds(found: xr.Dataset, reference: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def winds(found, reference=0):
     """u and v of a collocation."""
     found = found.compute()
     return (
