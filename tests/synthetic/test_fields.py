@@ -132,23 +132,6 @@ def test_the_run_is_read_as_eccodes_reads_it(real):
     assert 2.0 < np.nanstd(error.wind[0, 0, level]) < 3.0
 
 
-def test_flights_see_independent_draws_of_the_error(real):
-    run, error, _ = real_winds.read_run(real(GRIB))
-    air = real_winds.RealAir(run, error, seed=3)
-    flights = np.repeat(np.arange(60), 20)
-    latitude = np.tile(np.linspace(37.0, 39.0, 20), 60)
-    longitude = np.tile(np.linspace(-98.0, -95.0, 20), 60)
-    pressure, hours = np.full(1200, 55000.0), np.full(1200, 12.0)
-    air.draw(flights, latitude, longitude, pressure)
-    seen = air.wind(flights, latitude, longitude, pressure, hours)
-    plain = real_winds.sample_reference(run, latitude, longitude, pressure / 100, hours)
-    drawn = (seen[0] - plain[0]).reshape(60, 20)
-    assert np.isfinite(drawn).all()
-    assert 1.5 < drawn.std() < 3.5
-    assert np.corrcoef(drawn[:, 0], drawn[:, 1])[0, 1] > 0.8
-    assert abs(np.corrcoef(drawn[:-1, 0], drawn[1:, 0])[0, 1]) < 0.35
-
-
 @pytest.mark.slow
 def test_the_whole_job_recovers_the_deviations(real, tmp_path, blank_cards, monkeypatch):
     """Every stage on real winds but the page, through two references of different leads."""

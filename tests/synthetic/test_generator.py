@@ -8,26 +8,12 @@ import pytest
 
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.synthetic.archive import simulate_arrays
-from airswing.synthetic.atmosphere import WaveKind, random_waves
 from airswing.synthetic.flights import NETWORKS, STEP, fly, timetable
 from airswing.synthetic.instrument import EarthField, declination_of_year, parse_faults
 from airswing.synthetic.observe import Coding
 from airswing.synthetic.truth import fleet_deviations, truth_record
 
-GRID = np.meshgrid(np.arange(-800.0, 801.0, 50.0), np.arange(-600.0, 601.0, 50.0))
 BOX = (25.0, 48.0, -124.0, -75.0)
-
-
-def test_waves_on_a_grid_are_those_at_its_points():
-    kind = WaveKind(40, 2.0, (100, 300), 0.4, 6.0, (30.0, 5.0))
-    waves = random_waves(np.random.default_rng(3), kind, start=-5.0, end=30.0)
-    x, y = GRID
-    zeta, hours = np.log([0.8, 0.4]), np.array([0.0, 1.25, 7.5])
-    field = waves.on_grid(x, y, zeta, hours)
-    for step, level in np.ndindex(3, 2):
-        place = np.full(x.size, zeta[level]), np.full(x.size, hours[step])
-        points = waves.at_points(x.ravel(), y.ravel(), *place)
-        np.testing.assert_allclose(field[step, :, level].reshape(2, -1), points, atol=2e-3)
 
 
 def test_the_lattice_is_close_to_igrf_and_older_tables_differ_by_the_secular_variation():
