@@ -10,7 +10,6 @@ import json
 import resource
 import shutil
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +22,6 @@ from airswing.products.netcdf import open_product
 from airswing.products.whole_files import workspace
 from tests import perfect
 from tests.forked import forked
-
-Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
 @pytest.fixture(scope="module")

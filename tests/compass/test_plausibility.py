@@ -1,7 +1,5 @@
 """Each usual mistake is named, also by a run, and sound archives are not suspected."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -24,8 +22,6 @@ from airswing.synthetic.mode_s import write_mode_s
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 AIRCRAFT, FLIGHTS, REPORTS = 4, 6, 40
-Function = Callable[[np.ndarray], np.ndarray]
-Change = Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]
 
 
 def archive(change=dict, *, temperature=True):

@@ -91,15 +91,8 @@ def test_ob_ascii_is_read_as_wrfda_reads_it(name):
     ]
     assert whole is end["clean_end_of_file"] and len(found) == end["reports"] == len(golden_records)
     for one, other in zip(found, golden_records, strict=True):
-        for mine, theirs in (
-            ("platform", "platform"),
-            ("fm", "fm"),
-            ("date", "date"),
-            ("name", "name"),
-            ("id", "id"),
-            ("count", "levels"),
-            ("type", "wrfda_type"),
-        ):
+        same = {name: name for name in ("platform", "fm", "date", "name", "id")}
+        for mine, theirs in (same | {"count": "levels", "type": "wrfda_type"}).items():
             assert one[mine] == other[theirs]
         for name_ in ("lat", "lon", "elv"):
             assert one[name_] == pytest.approx(other[name_])

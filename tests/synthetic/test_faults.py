@@ -78,16 +78,6 @@ def test_hard_iron_and_heater_are_the_cycle_asked_for(archives, of):
     np.testing.assert_array_equal(np.abs(heading_error(found)) > 1e-6, found["icing"] == 1)
 
 
-def test_airspeed_errors_lie_along_the_heading(of):
-    plain, found = of("tas_scale")
-    du, dv = found["u"] - plain["u"], found["v"] - plain["v"]
-    heading = plain["true_heading"]
-    along = du * np.sin(heading) + dv * np.cos(heading)
-    across = du * np.cos(heading) - dv * np.sin(heading)
-    np.testing.assert_allclose(along, -0.02 * plain["true_airspeed"], atol=1e-3)
-    np.testing.assert_allclose(across, 0.0, atol=1e-3)
-
-
 def test_acceleration_and_turn_follow_their_stated_scale(of):
     for name, tolerance in (("acceleration_error", 0.03), ("turn_error", 0.1)):
         plain, found = of(name)

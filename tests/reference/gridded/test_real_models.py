@@ -1,8 +1,5 @@
 """Files of real models that other people wrote, against their programs or against numpy."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,7 +8,6 @@ from pyproj import CRS, Proj
 import airswing
 from tests.reference.gridded.datasets import by_hand, points, turned, winds
 
-Real = Callable[[str], Path]
 RNG = np.random.default_rng(5)
 
 
