@@ -6,8 +6,6 @@ Without names all of them, at sizes that end in minutes; ``--long`` at the sizes
 for. A benchmark whose bar is missed is named at the end, and the exit status is 1.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess
@@ -29,12 +27,12 @@ COMPARISONS = {"compare_products", "gap_paired"}
 """Scripts that compare two results, which are their arguments."""
 
 
-def names() -> list[str]:
+def names():
     found = {path.stem for path in Path(__file__).parent.glob("[a-z]*.py")}
     return [*SHORT, *sorted(found - set(SHORT) - COMPARISONS)]
 
 
-def main() -> int:
+def main():
     """Run the asked benchmarks; 1 where one of them failed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names())}")

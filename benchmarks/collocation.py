@@ -7,14 +7,11 @@ hour, without cache, over decoding every message with ecCodes (bar 0.20); one ho
 decoded whole, over the same (bar 1.4 for complex packing).
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json
 import tempfile
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import eccodes
@@ -46,7 +43,7 @@ PACKINGS = {
 BARS = {"GRIB2 complex": 1.4}
 
 
-def smooth_field(rng: np.random.Generator) -> np.ndarray:
+def smooth_field(rng):
     """A wind component with waves of many lengths, to 0.1 m/s."""
     y, x = np.mgrid[0:NJ, 0:NI]
     field = np.full((NJ, NI), 15.0)
@@ -57,7 +54,7 @@ def smooth_field(rng: np.random.Generator) -> np.ndarray:
     return np.round(field + rng.normal(0, 0.3, field.shape), 1).ravel()
 
 
-def write_hour(path: Path, label: str, fields: list[np.ndarray]) -> None:
+def write_hour(path, label, fields):
     options = {"edition": int(label[4]), "packing": PACKINGS[label], "bits": 12}
     messages = [
         build(
@@ -73,7 +70,7 @@ def write_hour(path: Path, label: str, fields: list[np.ndarray]) -> None:
     path.write_bytes(b"".join(messages))
 
 
-def copy_hours(path: Path, hours: int) -> list[str]:
+def copy_hours(path, hours):
     """The same GRIB1 hour at later valid times: only the bytes of the date change."""
     data, starts = path.read_bytes(), [0]
     while starts[-1] < len(data):
@@ -88,7 +85,7 @@ def copy_hours(path: Path, hours: int) -> list[str]:
     return [str(path) for path in paths]
 
 
-def some_reports(hours: int) -> xr.Dataset:
+def some_reports(hours):
     rng = np.random.default_rng(7)
     count = REPORTS * hours
     seconds = rng.uniform(0, (hours - 1) * 3600.0, count)
@@ -102,7 +99,7 @@ def some_reports(hours: int) -> xr.Dataset:
     )
 
 
-def decode(paths: list[str]) -> None:
+def decode(paths):
     for path in paths:
         with open(path, "rb") as file:
             while (handle := eccodes.codes_grib_new_from_file(file)) is not None:
@@ -110,15 +107,15 @@ def decode(paths: list[str]) -> None:
                 eccodes.codes_release(handle)
 
 
-def collocated(paths: list[str], reports: xr.Dataset, caches: Iterator[Path]) -> None:
+def collocated(paths, reports, caches):
     """From files never seen before (a new cache each time) to winds at the reports."""
     catalogue = build_catalogue(paths, name="ruc", cache_dir=next(caches))
     collocate(reports, {"ruc": catalogue}).compute(scheduler="synchronous")
 
 
-def ratio(work: Callable[[], None], plain: Callable[[], None], repeats: int) -> tuple[float, float]:
+def ratio(work, plain, repeats):
     """Least processor time of some runs of each, taken in turn: their ratio, and seconds."""
-    times: list[list[float]] = [[], []]
+    times = [[], []]
     for _ in range(repeats):
         for own, run in zip(times, (work, plain), strict=True):
             start = time.process_time() + guarded(time.process_time)
@@ -127,7 +124,7 @@ def ratio(work: Callable[[], None], plain: Callable[[], None], repeats: int) -> 
     return min(times[0]) / min(times[1]), min(times[0])
 
 
-def main() -> None:
+def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--hours", type=int, default=48)
     parser.add_argument("--repeats", type=int, default=3)

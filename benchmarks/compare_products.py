@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -36,11 +35,11 @@ class Difference:
     note: str = ""
 
     @property
-    def ok(self) -> bool:
+    def ok(self):
         return self.largest <= self.allowed
 
 
-def reports_of(folder: Path, product: str) -> xr.Dataset:
+def reports_of(folder, product):
     months = sorted((folder / product).glob("*.nc"))
     parts = []
     for path in months or [folder / f"{product}.nc"]:
@@ -55,7 +54,7 @@ def reports_of(folder: Path, product: str) -> xr.Dataset:
     return whole.isel(report=order)
 
 
-def matched(before: xr.Dataset, after: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+def matched(before, after):
     """The reports that both hold, by aircraft, time and position, in the same order."""
     keys = [
         pd.MultiIndex.from_arrays(
@@ -69,7 +68,7 @@ def matched(before: xr.Dataset, after: xr.Dataset) -> tuple[xr.Dataset, xr.Datas
     )
 
 
-def largest(name: str, before: xr.DataArray, after: xr.DataArray, allowed: float) -> Difference:
+def largest(name, before, after, allowed):
     """The largest absolute difference; infinite where only one of the two has a value."""
     a, b = np.asarray(before.values, float), np.asarray(after.values, float)
     if a.shape != b.shape:
@@ -80,14 +79,14 @@ def largest(name: str, before: xr.DataArray, after: xr.DataArray, allowed: float
     return Difference(name, float(np.nanmax(np.abs(a - b), initial=0.0)), allowed)
 
 
-def ratio(name: str, before: xr.DataArray, after: xr.DataArray) -> Difference:
+def ratio(name, before, after):
     a, b = np.asarray(before.fillna(0).values, float), np.asarray(after.fillna(0).values, float)
     if a.shape != b.shape or np.any((a > 0) != (b > 0)):
         return Difference(name, np.inf, RATIO)
     return Difference(name, float(np.max(np.abs(b[a > 0] / a[a > 0] - 1.0), initial=0.0)), RATIO)
 
 
-def of_reports(before: Path, after: Path) -> Iterator[Difference]:
+def of_reports(before, after):
     a, b = reports_of(before, "headings"), reports_of(after, "headings")
     alone = abs(a.sizes["report"] - b.sizes["report"])
     yield Difference("reports", alone, 0, "in one of the two alone" if alone else "")
@@ -111,7 +110,7 @@ def of_reports(before: Path, after: Path) -> Iterator[Difference]:
     yield ratio(name, a[name], b[name])
 
 
-def rounded_otherwise(before: Path, after: Path, reference: str) -> list[str]:
+def rounded_otherwise(before, after, reference):
     tables = [
         xr.open_dataset(folder / "fits.nc")["table_correction"].sel(reference=reference)
         for folder in (before, after)
@@ -120,7 +119,7 @@ def rounded_otherwise(before: Path, after: Path, reference: str) -> list[str]:
     return [str(name) for name in tables[0]["aircraft"].values[change.values]]
 
 
-def of_fits(before: Path, after: Path) -> Iterator[Difference]:
+def of_fits(before, after):
     """Differences of deviation coefficients, their errors, status and tables."""
     a, b = xr.open_dataset(before / "fits.nc"), xr.open_dataset(after / "fits.nc")
     b = b.sel(reference=a["reference"], aircraft=a["aircraft"])
@@ -135,9 +134,9 @@ def of_fits(before: Path, after: Path) -> Iterator[Difference]:
     yield largest("table_correction", a["table_correction"], b["table_correction"], TABLE)
 
 
-def estimates(folder: Path) -> dict[str, tuple[float, float]]:
+def estimates(folder):
     """Estimates with a standard error: of the fleet between references, and of reports."""
-    found: dict[str, tuple[float, float]] = {}
+    found = {}
     path = folder / "sensitivity.json"
     for pair in json.loads(path.read_text())["pairs"] if path.exists() else []:
         for name, value in pair["fleet"]["difference"].items():
@@ -155,7 +154,7 @@ def estimates(folder: Path) -> dict[str, tuple[float, float]]:
     return found
 
 
-def of_evaluation(before: Path, after: Path) -> Iterator[Difference]:
+def of_evaluation(before, after):
     a, b = estimates(before), estimates(after)
     for name in a:
         if name not in b:
@@ -165,13 +164,13 @@ def of_evaluation(before: Path, after: Path) -> Iterator[Difference]:
         yield Difference(name, abs(b[name][0] - a[name][0]) / scale, 0.2)
 
 
-def compared(before: Path, after: Path) -> pd.DataFrame:
+def compared(before, after):
     found = [*of_reports(before, after), *of_fits(before, after), *of_evaluation(before, after)]
     rows = [(d.name, d.largest, d.allowed, d.ok, d.note) for d in found]
     return pd.DataFrame(rows, columns=["quantity", "largest", "allowed", "ok", "note"])
 
 
-def main() -> int:
+def main():
     """Print the comparison; 1 where a tolerance is exceeded."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("before", type=Path)

@@ -7,8 +7,6 @@ airspeed scales; 1 % of the winds are reversed. Exit status 1 where coverage is 
 the bias of B or C reaches 0.02 degrees.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 
@@ -21,7 +19,7 @@ from airswing.compass.fit.deviation import COEFFICIENTS, fit_deviation
 NAMES = (*COEFFICIENTS, "offset", "amplitude", "phase")
 
 
-def one_fleet(setting: Setting, seed: int, pools: dict) -> tuple[np.ndarray, np.ndarray]:
+def one_fleet(setting, seed, pools):
     """Errors and standard errors of one fleet, (aircraft, 8) each."""
     rng = np.random.default_rng([seed, 1])
     deviation = fleet_deviations(setting.aircraft, rng, two_cycles=0.7)
@@ -46,7 +44,7 @@ def one_fleet(setting: Setting, seed: int, pools: dict) -> tuple[np.ndarray, np.
     return error, spread
 
 
-def main() -> int:
+def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--fleets", type=int, default=200)
     parser.add_argument("--aircraft", type=int, default=6)

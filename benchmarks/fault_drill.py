@@ -7,8 +7,6 @@ at random moments and started again. Every completed run is compared bit for bit
 identifiers and history. With ``--workers`` the process to be killed is drawn among all processes.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import random
@@ -19,7 +17,6 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -34,7 +31,7 @@ NOTES = (".airswing", "events.json")
 """Notes that name products by their identifier; which events are new depends on earlier runs."""
 
 
-def start(config: Path) -> subprocess.Popen[bytes]:
+def start(config):
     return subprocess.Popen(
         [sys.executable, "-m", "airswing", "run", str(config), "--quiet"],
         cwd=config.parent,
@@ -44,7 +41,7 @@ def start(config: Path) -> subprocess.Popen[bytes]:
     )
 
 
-def finish(config: Path) -> float:
+def finish(config):
     """Run to the end; its duration, s."""
     began = time.perf_counter()
     process = start(config)
@@ -54,7 +51,7 @@ def finish(config: Path) -> float:
     return time.perf_counter() - began
 
 
-def family(parent: int) -> list[int]:
+def family(parent):
     """A process and the worker processes below it (Linux)."""
     found = [parent]
     for number in found:
@@ -63,7 +60,7 @@ def family(parent: int) -> list[int]:
     return found
 
 
-def kill_at(config: Path, moment: float, pick: random.Random) -> str:
+def kill_at(config, moment, pick):
     """Start a run and kill it, or one of its workers, at a moment; describe the outcome."""
     process = start(config)
     try:
@@ -78,12 +75,12 @@ def kill_at(config: Path, moment: float, pick: random.Random) -> str:
     return "ended before"
 
 
-def files_of(folder: Path) -> set[str]:
+def files_of(folder):
     found = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
     return {str(name) for name in found if name.parts[0] not in NOTES}
 
 
-def differences(one: Path, other: Path) -> list[str]:
+def differences(one, other):
     found = [f"only in one: {name}" for name in sorted(files_of(one) ^ files_of(other))]
     for name in sorted(files_of(one) & files_of(other)):
         first, second = one / name, other / name
@@ -94,7 +91,7 @@ def differences(one: Path, other: Path) -> list[str]:
     return found
 
 
-def product_differences(one: Path, other: Path) -> list[str]:
+def product_differences(one, other):
     options = {"engine": "netcdf4", "decode_cf": False}
     with xr.open_dataset(one, **options) as a, xr.open_dataset(other, **options) as b:
         if set(a.variables) != set(b.variables):
@@ -112,14 +109,14 @@ def product_differences(one: Path, other: Path) -> list[str]:
         return found + [f"attribute {key}" for key in keys if a.attrs.get(key) != b.attrs.get(key)]
 
 
-def drill(config: Path, *, kills: int, seed: int = 1) -> dict[str, Any]:
+def drill(config, *, kills, seed=1):
     """Kill and continue runs of a configuration; seconds of the undisturbed one, differences."""
     output, pick = Path(yaml.safe_load(config.read_text())["output"]), random.Random(seed)
     undisturbed = finish(config)
     truth = output.with_name("undisturbed")
     output.rename(truth)
     done = compared = 0
-    wrong: list[str] = []
+    wrong = []
     while done < kills:
         shutil.rmtree(output, ignore_errors=True)
         shutil.rmtree(config.parent / "cache", ignore_errors=True)
@@ -136,7 +133,7 @@ def drill(config: Path, *, kills: int, seed: int = 1) -> dict[str, Any]:
     return {"seconds": undisturbed, "kills": done, "runs": compared, "differences": wrong}
 
 
-def main() -> None:
+def main():
     """Write the archive, drill, and print the outcome."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=20)

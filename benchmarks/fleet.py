@@ -6,8 +6,6 @@ Each size runs in a separate process, whose peak memory is printed; the generati
 not counted. Exit status 1 where the exponent of the processor time is above `EXPONENT`.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os
@@ -33,7 +31,7 @@ FLIGHTS_A_DAY = 4
 FIRST_SEGMENT = np.datetime64("2008-07-01", "h").astype(np.int64) // 6
 
 
-def field(latitude, longitude, time, seed: int) -> np.ndarray:
+def field(latitude, longitude, time, seed):
     """Error of the reference, m/s, (2, n): waves of some 1,500 km that last and that pass."""
     found = np.zeros((2, latitude.size))
     segment = time.astype("datetime64[h]").astype(np.int64) // 6 - FIRST_SEGMENT
@@ -50,7 +48,7 @@ def field(latitude, longitude, time, seed: int) -> np.ndarray:
     return found
 
 
-def straight(flights: int, headings: xr.Dataset, each: int, rng) -> np.ndarray:
+def straight(flights, headings, each, rng):
     """Latitude, longitude and pressure of flights from anywhere in a region, (3, n)."""
     south, north, west, east = CONTINENT
     found = []
@@ -64,7 +62,7 @@ def straight(flights: int, headings: xr.Dataset, each: int, rng) -> np.ndarray:
     return np.stack([*found, np.repeat(rng.uniform(25e3, 85e3, flights), each)])
 
 
-def fleet(aircraft: int, number: int, days: int, each: int) -> tuple[xr.Dataset, np.ndarray]:
+def fleet(aircraft, number, days, each):
     rng = np.random.default_rng([number, 5])
     deviation = fleet_deviations(aircraft, rng)
     setting = Setting(
@@ -84,14 +82,14 @@ def fleet(aircraft: int, number: int, days: int, each: int) -> tuple[xr.Dataset,
     return with_field(headings).assign_coords(aircraft=np.array(names, object)), deviation
 
 
-def with_field(headings: xr.Dataset) -> xr.Dataset:
+def with_field(headings):
     places = [headings[name].to_numpy() for name in ("latitude", "longitude", "time")]
     return moved(headings, "ruc", *field(*places, seed=0))
 
 
-def one_size(aircraft: int, days: int, reports: int) -> dict[str, float]:
+def one_size(aircraft, days, reports):
     each = max(reports // (aircraft * days * FLIGHTS_A_DAY), 1)
-    parts: list[xr.DataArray] = []
+    parts = []
     truth, summed = [], 0.0
     for number in range(0, aircraft, TOGETHER):
         made = fleet(min(TOGETHER, aircraft - number), number, days, each)
@@ -120,7 +118,7 @@ def one_size(aircraft: int, days: int, reports: int) -> dict[str, float]:
     }
 
 
-def main() -> int:
+def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--aircraft", type=int, nargs="+", default=[150, 300, 600, 1200])
     parser.add_argument("--days", type=int, default=10)

@@ -8,11 +8,8 @@ the changes of 2 degrees are noticed within 3 days of 40 reports; or where an in
 truth in less than 90 %.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -39,7 +36,7 @@ SHAPES = ("offset", "one cycle", "A to E")
 NOTICED = (1, 2, 3, 5)
 
 
-def alarms(given: argparse.Namespace) -> bool:
+def alarms(given):
     aircraft, days = 100, 365
     fleets = max(round(given.years * 365 / (aircraft * days)), 1)
     years, good = fleets * aircraft * days / 365.0, True
@@ -72,7 +69,7 @@ def alarms(given: argparse.Namespace) -> bool:
     return good
 
 
-def unit_change(shape: str, rng: np.random.Generator) -> np.ndarray:
+def unit_change(shape, rng):
     """A change of A to E of 1 degree rms over all headings."""
     found = rng.normal(size=5) * [1.0, 1.0, 1.0, 0.5, 0.5]
     if shape == "offset":
@@ -82,9 +79,7 @@ def unit_change(shape: str, rng: np.random.Generator) -> np.ndarray:
     return found / np.sqrt(found[0] ** 2 + (found[1:] ** 2).sum() / 2.0)
 
 
-def changed(
-    aircraft: int, days: int, size: float, shape: str, rng: np.random.Generator, margin: int
-) -> tuple[np.ndarray, dict[int, int]]:
+def changed(aircraft, days, size, shape, rng, margin):
     """Changes (aircraft, day, 5) of every fifth aircraft, degrees, and their days."""
     change, when = np.zeros((aircraft, days, 5)), {}
     for k in range(0, aircraft, 5):
@@ -93,7 +88,7 @@ def changed(
     return change, when
 
 
-def noticed(given: argparse.Namespace) -> bool:
+def noticed(given):
     number, days, fleets, good = 50, 75, max(given.fleets // 16, 1), True
     print(f"share noticed within so many days with reports ({10 * fleets} changes a line)")
     print("degrees rms  reports a day  shape       " + "".join(f"{k:>6}" for k in NOTICED))
@@ -105,7 +100,7 @@ def noticed(given: argparse.Namespace) -> bool:
                 for fleet in range(given.seed + 77 * k, given.seed + 77 * k + fleets):
                     rng = np.random.default_rng([fleet])
                     change, when = changed(number, days, size, shape, rng, margin=15)
-                    first: dict[int, int] = {}
+                    first = {}
                     watch = watched(world, aircraft=number, days=days, seed=fleet, change=change)
                     for one in watch.tested.alarms:
                         if one.night >= when.get(one.step.number, days):
@@ -118,7 +113,7 @@ def noticed(given: argparse.Namespace) -> bool:
     return good
 
 
-def changes(given: argparse.Namespace) -> bool:
+def changes(given):
     good = True
     print("fleets of 20 aircraft without a change that get one")
     for days, fleets in ((45, given.fleets), (180, max(given.fleets // 5, 1))):
@@ -175,14 +170,10 @@ def changes(given: argparse.Namespace) -> bool:
     return good
 
 
-PARTS: dict[str, Callable[[argparse.Namespace], bool]] = {
-    "alarms": alarms,
-    "noticed": noticed,
-    "changes": changes,
-}
+PARTS = {"alarms": alarms, "noticed": noticed, "changes": changes}
 
 
-def main() -> int:
+def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--part", action="append", choices=list(PARTS))
     parser.add_argument("--years", type=int, default=300, help="aircraft-years of every world")

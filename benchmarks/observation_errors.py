@@ -7,8 +7,6 @@ the fleet and for every phase and layer, as reported and as corrected; 95 % inte
 the truth in 90 to 98 % of the cells. Exit status 1 where a bar is missed.
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from pathlib import Path
@@ -16,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 import airswing
 from airswing.evaluation.innovations import CELLS, STATES, profile_cells
@@ -28,10 +25,9 @@ from airswing.synthetic.truth import fleet_deviations
 
 REFERENCES = ("ruc", "rtfdaa")
 POOLS = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"], "ruc+rtfdaa": list(REFERENCES)}
-Floats = NDArray[np.float64]
 
 
-def archive(seed: int, *, days: int, aircraft: int) -> tuple[xr.Dataset, xr.Dataset, Floats]:
+def archive(seed, *, days, aircraft):
     """Screened headings and corrected winds of one archive, and the true wind (2, report)."""
     effects = fleet_deviations([f"N{401 + index}" for index in range(aircraft)], seed)
     options = {"days": days, "aircraft": aircraft, "seed": seed}
@@ -60,9 +56,7 @@ def archive(seed: int, *, days: int, aircraft: int) -> tuple[xr.Dataset, xr.Data
     return headings, airswing.correct(headings, fits), frame[["true_u", "true_v"]].to_numpy().T
 
 
-def truth(
-    headings: xr.Dataset, corrected: xr.Dataset, wind: Floats, state: str
-) -> tuple[float, Floats]:
+def truth(headings, corrected, wind, state):
     """True error of a component of the reports that count: fleet, and by phase and layer."""
     prefix = "corrected_" if state == "corrected" else ""
     names = [f"{prefix}{way}_wind" for way in ("eastward", "northward")]
@@ -79,7 +73,7 @@ def truth(
     return float(np.sqrt(square[good].mean())), rows[[PHASE[n] for n in FLIGHT_PHASES[1:]]]
 
 
-def scored(seed: int, *, days: int, aircraft: int) -> pd.DataFrame:
+def scored(seed, *, days, aircraft):
     """Truth, estimate and interval of the fleet and of every cell of one archive, by state."""
     headings, corrected, wind = archive(seed, days=days, aircraft=aircraft)
     found = observation_errors(headings, corrected, pools=POOLS, reference="ruc+rtfdaa")
@@ -97,7 +91,7 @@ def scored(seed: int, *, days: int, aircraft: int) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns).assign(seed=seed)
 
 
-def main() -> int:
+def main():
     """Print every archive and the bars; 1 where one is missed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=60)

@@ -7,21 +7,15 @@ published fits by case, and for several values of `plausibility.RATIO` the cases
 are named for all aircraft and the valid ones without a finding.
 """
 
-from __future__ import annotations
-
 import argparse
-import subprocess
-import sys
 import tempfile
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
-from airswing import collocate, derive_headings
+from airswing import collocate, derive_headings, write_archive
 from airswing.compass import plausibility
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.compass.screening import screen
@@ -37,8 +31,7 @@ from airswing.reports import read_reports
 from airswing.units import FOOT, KNOT
 
 RATIOS = (1.2, 1.5, 2.0, 3.0, 5.0)
-Change = Callable[["pd.Series[float]"], object]
-WINDS: dict[str, dict[str, Change]] = {
+WINDS = {
     "wind_speed_kt": {
         "m/s": lambda v: (KNOT * v).round(),
         "km/h": lambda v: (1.852 * v).round(),
@@ -66,17 +59,9 @@ WINDS: dict[str, dict[str, Change]] = {
     "latitude": {"tenths": lambda v: 10 * v},
     "longitude": {"tenths": lambda v: 10 * v},
 }
-_SPEED: dict[str, Change] = {
-    "m/s": lambda v: KNOT * v,
-    "km/h": lambda v: 1.852 * v,
-    "kt as m/s": lambda v: v / KNOT,
-}
-_ANGLE: dict[str, Change] = {
-    "radians": np.radians,
-    "grads": lambda v: v / 0.9,
-    "opposite": lambda v: (v + 180) % 360,
-}
-TRIANGLE: dict[str, dict[str, Change]] = {
+_SPEED = {"m/s": lambda v: KNOT * v, "km/h": lambda v: 1.852 * v, "kt as m/s": lambda v: v / KNOT}
+_ANGLE = {"radians": np.radians, "grads": lambda v: v / 0.9, "opposite": lambda v: (v + 180) % 360}
+TRIANGLE = {
     **{f"{name}_kt": _SPEED for name in ("true_airspeed", "ground_speed")},
     **{name: _ANGLE for name in ("heading_deg", "track_deg")},
     "mach": {"percent": lambda v: 100 * v, "thousandths": lambda v: 1000 * v},
@@ -84,7 +69,7 @@ TRIANGLE: dict[str, dict[str, Change]] = {
 }
 
 
-def triangle(headings: xr.Dataset) -> pd.DataFrame:
+def triangle(headings):
     ground, wind = complex_of(headings, "ground_{}_velocity"), complex_of(headings, "{}_wind")
     air, level = ground - wind, headings["pressure_altitude"].to_numpy().astype(float)
     pressure, kelvin = pressure_from_altitude(level), standard_temperature(level)
@@ -106,14 +91,14 @@ def triangle(headings: xr.Dataset) -> pd.DataFrame:
     return table[np.isfinite(ground) & np.isfinite(air)]
 
 
-def complex_of(headings: xr.Dataset, name: str) -> np.ndarray:
+def complex_of(headings, name):
     """Eastward + i northward component of a vector at the reports (first reference)."""
     parts = [headings[name.format(way)].to_numpy() for way in ("eastward", "northward")]
     east, north = (part[0] if part.ndim == 2 else part for part in parts)
     return east + 1j * north
 
 
-def deviated(headings: xr.Dataset, amplitude: float, strength: float) -> xr.Dataset:
+def deviated(headings, amplitude, strength):
     """Headings of compasses with a deviation (degrees), in winds of another strength."""
     changed = headings.copy(deep=True)
     names = ("reference_eastward_wind", "reference_northward_wind")
@@ -129,15 +114,15 @@ def deviated(headings: xr.Dataset, amplitude: float, strength: float) -> xr.Data
 class Archive:
     """A sample archive and its reference; headings of changed tables of it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         files = sorted((folder / "reports").glob("*.csv"))
         self.winds = pd.concat([pd.read_csv(path, dtype={"flight": str}) for path in files])
         self.model = build_catalogue([str(folder / "ruc/*.grb")], name="ruc")
-        self._known: dict[int, xr.Dataset] = {}
+        self._known = {}
         self.sound = self.headings(self.winds)
         self.triangle = triangle(self.sound)
 
-    def headings(self, table: pd.DataFrame) -> xr.Dataset:
+    def headings(self, table):
         """Headings of a table; winds of the model are sampled once for equal places."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "reports.csv"
@@ -149,7 +134,7 @@ class Archive:
             self._known[key] = collocate(reports, {"ruc": self.model}).compute()
         return derive_headings(reports, self._known[key])
 
-    def cases(self) -> dict[str, tuple[bool, Callable[[], xr.Dataset]]]:
+    def cases(self):
         """Whether a case has a mistake, and its headings, by name."""
         cases = {
             f"{table} {column} {name}": (True, partial(self._changed, table, column, change))
@@ -166,7 +151,7 @@ class Archive:
             cases[name] = False, partial(self._changed, "triangle", column, lambda v: v)
         return cases
 
-    def _changed(self, name: str, column: str, change: Change) -> xr.Dataset:
+    def _changed(self, name, column, change):
         table = self.winds if name == "winds" else self.triangle
         airspeeds = {"true_airspeed_kt", "mach", "indicated_airspeed_kt"}
         used = column if column in airspeeds else "true_airspeed_kt"
@@ -174,7 +159,7 @@ class Archive:
         return self.headings(table.assign(**{column: change(table[column])}))
 
 
-def judged(headings: xr.Dataset) -> tuple[list[plausibility.Finding], int]:
+def judged(headings):
     phases = ("ascent", "cruise", "descent", "unknown")
     findings = plausibility.plausibility(headings)
     fits = fit_deviation(screen(headings, phases=phases)).compute()
@@ -182,20 +167,18 @@ def judged(headings: xr.Dataset) -> tuple[list[plausibility.Finding], int]:
     return findings, int(published(fits["status"]).sum())
 
 
-def main() -> None:
+def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folders", nargs="*", type=Path)
     folders = parser.parse_args().folders
     with tempfile.TemporaryDirectory() as made:
         if not folders:
             folders = [Path(made) / "sample"]
-            options = ["--days", "25", "--aircraft", "8", "--seed", "11"]
-            command = [sys.executable, "-m", "airswing", "sample", str(folders[0]), *options]
-            subprocess.run(command, check=True)
+            write_archive(folders[0], days=25, aircraft=8, seed=11)
         judge(folders)
 
 
-def judge(folders: list[Path]) -> None:
+def judge(folders):
     named, silent = dict.fromkeys(RATIOS, 0), dict.fromkeys(RATIOS, 0)
     wrong = sound = 0
     usual = plausibility.RATIO

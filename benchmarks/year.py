@@ -7,8 +7,6 @@ aircraft, a Parquet file a day, or a share of both. The job runs in a separate p
 without the last day, then again with it, which remakes the last month and everything after it.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess
@@ -16,7 +14,6 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,13 +27,13 @@ LEG = 38
 """Reports a leg, a minute apart."""
 
 
-def wind(latitude: Any, longitude: Any) -> tuple[Any, Any]:
+def wind(latitude, longitude):
     """True wind, m/s: linear, so that interpolation adds nothing."""
     x, y = (longitude - WEST) / (NI * STEP), (latitude - SOUTH) / (NJ * STEP)
     return 12.0 + 10.0 * y + 4.0 * x, -4.0 + 9.0 * x - 3.0 * y
 
 
-def write_fields(folder: Path, hours: int) -> None:
+def write_fields(folder, hours):
     """One file an hour: the date bytes of one hour's messages are changed."""
     lat, lon = np.meshgrid(SOUTH + STEP * np.arange(NJ), WEST + STEP * np.arange(NI), indexing="ij")
     last = WEST + STEP * (NI - 1), SOUTH + STEP * (NJ - 1)
@@ -57,7 +54,7 @@ def write_fields(folder: Path, hours: int) -> None:
         (folder / f"{when:%Y%m%d%H}.grb").write_bytes(copy)
 
 
-def write_reports(folder: Path, reports: int, hours: int, aircraft: int) -> None:
+def write_reports(folder, reports, hours, aircraft):
     """Straight legs of one speed, winds with each aircraft's deviation, a file a day."""
     folder.mkdir()
     rng = np.random.default_rng(1)
@@ -105,7 +102,7 @@ def write_reports(folder: Path, reports: int, hours: int, aircraft: int) -> None
         piece.to_parquet(folder / f"{day}.parquet", index=False)
 
 
-def measured(config: str) -> None:
+def measured(config):
     """Run the job in this process; print its accounts, with memory by stage, as JSON."""
     import contextlib
 
@@ -116,7 +113,7 @@ def measured(config: str) -> None:
 
     class Watched(Progress):
         @contextlib.contextmanager
-        def stage(self, name: str) -> Any:
+        def stage(self, name):
             Path("/proc/self/clear_refs").write_text("5")
             began = time.process_time()
             with super().stage(name) as record:
@@ -124,22 +121,22 @@ def measured(config: str) -> None:
             used = time.process_time() - began
             stages.append({"name": name, "processor": used, "peak": memory("VmHWM")})
 
-    stages: list[dict[str, Any]] = []
+    stages = []
     job = workflow.Job(load_config(config), Watched())
     with scheduler(job.config.compute, job.progress):
         summary = workflow.run_job(job).summary
-    account = {name: summary[name] for name in ("reports", "months")}  # type: ignore[literal-required]
+    account = {name: summary[name] for name in ("reports", "months")}
     print(json.dumps(account | {"stages": stages, "processor": time.process_time()}))
 
 
-def memory(key: str) -> int:
+def memory(key):
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith(key):
             return int(line.split()[1]) * 1024
     return 0
 
 
-def run_on(folder: Path, *, workers: int = 1) -> dict[str, Any]:
+def run_on(folder, *, workers=1):
     """Run the job on an archive in a separate process; its accounts."""
     content = {
         "reports": {"files": str(folder / "reports/*.parquet")},
@@ -158,11 +155,11 @@ def run_on(folder: Path, *, workers: int = 1) -> dict[str, Any]:
     return json.loads(done.stdout) | {"wall": time.perf_counter() - began}
 
 
-def shown(found: dict[str, Any], what: str) -> None:
+def shown(found, what):
     reports, months = found["reports"]["usable"], found["months"]
     print(f"\n{what}: {reports:,} reports; {len(months['made'])} months made")
     print(f"{'stage':<22}{'processor s':>12}{'peak MB':>9}")
-    total: dict[str, list[float]] = {}
+    total = {}
     for stage in found["stages"]:
         name = stage["name"].rstrip("-0123456789 ")  # months of a stage together
         before = total.get(name, [0.0, 0.0])
@@ -175,7 +172,7 @@ def shown(found: dict[str, Any], what: str) -> None:
     )
 
 
-def main() -> None:
+def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--share", type=float, default=1.0, help="share of hours and of reports")
     parser.add_argument("--workers", type=int, default=1)

@@ -9,8 +9,6 @@ long, impossible winds, and values that differ though a checksum covers them. Su
 for replay; the exit status is then 1.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os
@@ -23,7 +21,6 @@ import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import Mapping
 from pathlib import Path
 
 from benchmarks.fuzz.seeds import GRIBS, make_seeds
@@ -55,11 +52,11 @@ ROOT = Path(__file__).resolve().parents[2]
 class Worker:
     """A process that runs cases, started again where one ends it."""
 
-    def __init__(self, seeds: Path, cache: Path) -> None:
+    def __init__(self, seeds, cache):
         self._seeds, self._cache = seeds, cache
-        self._process: subprocess.Popen[str] | None = None
+        self._process = None
 
-    def _started(self) -> subprocess.Popen[str]:
+    def _started(self):
         if self._process is None or self._process.poll() is not None:
             paths = os.pathsep.join([str(ROOT / "pipeline"), str(ROOT)])
             self._process = subprocess.Popen(
@@ -73,7 +70,7 @@ class Worker:
             )
         return self._process
 
-    def run(self, kind: str, seed: int, folder: Path) -> dict[str, str]:
+    def run(self, kind, seed, folder):
         """Run one case; the end or a hang of the process is an answer too."""
         process = self._started()
         assert process.stdin is not None and process.stdout is not None
@@ -89,21 +86,21 @@ class Worker:
             return {"end": "signal", "what": f"ended with {process.wait()}"}
         return dict(json.loads(line))
 
-    def end(self, how: signal.Signals = signal.SIGTERM) -> None:
+    def end(self, how=signal.SIGTERM):
         if self._process is not None:
             self._process.send_signal(how)
             self._process.wait()
 
 
-def drawn(cases: int, seed: int, shares: Mapping[str, int] = SHARES) -> list[tuple[str, int]]:
+def drawn(cases, seed, shares=SHARES):
     pick = random.Random(seed)
     kinds = pick.choices(list(shares), list(shares.values()), k=cases)
     return [(kind, seed * 1_000_000 + number) for number, kind in enumerate(kinds)]
 
 
-def campaign(cases: list[tuple[str, int]], kept: Path | None) -> dict[str, Counter[str]]:
+def campaign(cases, kept):
     """Number of each outcome by kind; cases with a forbidden one are kept in a folder."""
-    table: dict[str, Counter[str]] = defaultdict(Counter)
+    table = defaultdict(Counter)
     with tempfile.TemporaryDirectory(prefix="airswing-fuzz-") as name:
         folder = Path(name)
         os.environ["AIRSWING_CACHE"] = str(folder / "seeds" / "run" / "cache")
@@ -131,7 +128,7 @@ def campaign(cases: list[tuple[str, int]], kept: Path | None) -> dict[str, Count
     return table
 
 
-def as_text(table: dict[str, Counter[str]]) -> str:
+def as_text(table):
     ends = ("result", "refused", *COLUMNS)
     rows = {kind: table[kind] for kind in SHARES if kind in table}
     rows["together"] = sum(rows.values(), Counter())
@@ -142,7 +139,7 @@ def as_text(table: dict[str, Counter[str]]) -> str:
     return "\n".join(lines)
 
 
-def main() -> int:
+def main():
     """Run the campaign, print the table; 1 where a forbidden outcome occurred."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=1000)

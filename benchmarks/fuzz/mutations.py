@@ -3,17 +3,9 @@
 Every mutation depends on its random generator alone: a case can be repeated from its number.
 """
 
-from __future__ import annotations
-
-import random
 import re
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-
-Change = Callable[[bytes, random.Random], bytes]
 
 SCALARS = [
     *("2009-06-31", "2009-02-30T25:61:00Z", "2009-01-01T00:00:00+99:00", '!!int "9e9"'),
@@ -32,9 +24,9 @@ CELLS = [
 ]
 
 
-def mutated(kind: str, data: bytes, other: bytes, pick: random.Random) -> bytes:
+def mutated(kind, data, other, pick):
     """Damage the bytes of a file of some kind in one to four ways; ``other`` is spliced in."""
-    changes: list[Change] = [*BYTES, lambda d, p: _spliced(d, other, p)]
+    changes = [*BYTES, lambda d, p: _spliced(d, other, p)]
     if kind.startswith("grib"):
         changes = [*changes, *GRIB, *GRIB, *GRIB]
     elif kind == "bufr":
@@ -48,14 +40,14 @@ def mutated(kind: str, data: bytes, other: bytes, pick: random.Random) -> bytes:
     return data
 
 
-def _bits(data: bytes, pick: random.Random) -> bytes:
+def _bits(data, pick):
     changed = bytearray(data)
     for _ in range(pick.choice((1, 1, 2, 8)) if data else 0):
         changed[pick.randrange(len(changed))] ^= 1 << pick.randrange(8)
     return bytes(changed)
 
 
-def _bytes(data: bytes, pick: random.Random) -> bytes:
+def _bytes(data, pick):
     changed = bytearray(data)
     for _ in range(pick.choice((1, 2, 4)) if data else 0):
         extremes = (0, 0xFF, 0x80, 0x7F, pick.randrange(256))
@@ -63,49 +55,49 @@ def _bytes(data: bytes, pick: random.Random) -> bytes:
     return bytes(changed)
 
 
-def _cut(data: bytes, pick: random.Random) -> bytes:
+def _cut(data, pick):
     return data[: pick.randrange(len(data) + 1)]
 
 
-def _run(data: bytes, pick: random.Random) -> tuple[int, int]:
+def _run(data, pick):
     start = pick.randrange(len(data) + 1)
     return start, min(len(data), start + pick.choice((1, 2, 4, 16, 64, 512)))
 
 
-def _inserted(data: bytes, pick: random.Random) -> bytes:
+def _inserted(data, pick):
     start, _ = _run(data, pick)
     return data[:start] + pick.randbytes(pick.choice((1, 2, 3, 8, 100))) + data[start:]
 
 
-def _deleted(data: bytes, pick: random.Random) -> bytes:
+def _deleted(data, pick):
     start, stop = _run(data, pick)
     return data[:start] + data[stop:]
 
 
-def _doubled(data: bytes, pick: random.Random) -> bytes:
+def _doubled(data, pick):
     start, stop = _run(data, pick)
     return data[:stop] + data[start:stop] * pick.choice((1, 1, 50)) + data[stop:]
 
 
-def _blanked(data: bytes, pick: random.Random) -> bytes:
+def _blanked(data, pick):
     start, stop = _run(data, pick)
     return data[:start] + bytes([pick.choice((0, 0xFF))]) * (stop - start) + data[stop:]
 
 
-def _swapped(data: bytes, pick: random.Random) -> bytes:
+def _swapped(data, pick):
     a, b, c = sorted(pick.randrange(len(data) + 1) for _ in range(3))
     return data[:a] + data[b:c] + data[a:b] + data[c:]
 
 
-def _spliced(data: bytes, other: bytes, pick: random.Random) -> bytes:
+def _spliced(data, other, pick):
     return data[: pick.randrange(len(data) + 1)] + other[pick.randrange(len(other) + 1) :]
 
 
-BYTES: list[Change] = [_bits] * 3
+BYTES = [_bits] * 3
 BYTES += [_bytes, _cut, _inserted, _deleted, _doubled, _blanked, _swapped]
 
 
-def sections(data: bytes) -> list[list[tuple[int, int]]]:
+def sections(data):
     found, at = [], data.find(b"GRIB")
     while 0 <= at < len(data) - 16:
         edition = data[at + 7]
@@ -125,12 +117,12 @@ def sections(data: bytes) -> list[list[tuple[int, int]]]:
     return found
 
 
-def _section(data: bytes, pick: random.Random) -> tuple[int, int]:
+def _section(data, pick):
     messages = sections(data)
     return pick.choice(pick.choice(messages)) if messages else _run(data, pick)
 
 
-def _header_field(data: bytes, pick: random.Random) -> bytes:
+def _header_field(data, pick):
     """One field of a section's header set to an extreme, to its neighbour, or at random."""
     start, length = _section(data, pick)
     width = pick.choice((1, 1, 2, 3, 4))
@@ -145,7 +137,7 @@ def _header_field(data: bytes, pick: random.Random) -> bytes:
     return data[:place] + value.to_bytes(width, "big") + data[place + width :]
 
 
-def _section_length(data: bytes, pick: random.Random) -> bytes:
+def _section_length(data, pick):
     messages = sections(data)
     if not messages:
         return data
@@ -161,24 +153,24 @@ def _section_length(data: bytes, pick: random.Random) -> bytes:
     return data[:start] + value.to_bytes(width, "big") + data[start + width :]
 
 
-def _section_doubled(data: bytes, pick: random.Random) -> bytes:
+def _section_doubled(data, pick):
     start, length = _section(data, pick)
     return data[: start + length] + data[start:]
 
 
-def _section_dropped(data: bytes, pick: random.Random) -> bytes:
+def _section_dropped(data, pick):
     start, length = _section(data, pick)
     return data[:start] + data[start + length :]
 
 
-def _sections_swapped(data: bytes, pick: random.Random) -> bytes:
+def _sections_swapped(data, pick):
     (a, one), (b, two) = sorted((_section(data, pick), _section(data, pick)))
     if a + one > b:
         return data
     return data[:a] + data[b : b + two] + data[a + one : b] + data[a : a + one] + data[b + two :]
 
 
-def _message_doubled(data: bytes, pick: random.Random) -> bytes:
+def _message_doubled(data, pick):
     messages = sections(data)
     if not messages:
         return data
@@ -188,8 +180,8 @@ def _message_doubled(data: bytes, pick: random.Random) -> bytes:
     return data + _bits(data[start:stop], pick)
 
 
-def _with_length(change: Change) -> Change:
-    def changed(data: bytes, pick: random.Random) -> bytes:
+def _with_length(change):
+    def changed(data, pick):
         messages = sections(data)
         if not messages:
             return data
@@ -207,7 +199,7 @@ def _with_length(change: Change) -> Change:
     return changed
 
 
-GRIB: list[Change] = [_header_field] * 4 + [_section_length] * 2
+GRIB = [_header_field] * 4 + [_section_length] * 2
 GRIB += [_section_doubled, _section_dropped, _sections_swapped, _message_doubled]
 GRIB += [
     _with_length(change)
@@ -215,7 +207,7 @@ GRIB += [
 ]
 
 
-def _bufr_header(data: bytes, pick: random.Random) -> bytes:
+def _bufr_header(data, pick):
     """Bytes of the first sections of one BUFR message: lengths, tables, descriptors."""
     starts = [match.start() for match in re.finditer(b"BUFR", data)]
     if not starts:
@@ -227,7 +219,7 @@ def _bufr_header(data: bytes, pick: random.Random) -> bytes:
     return bytes(changed)
 
 
-def _yaml_scalar(data: bytes, pick: random.Random) -> bytes:
+def _yaml_scalar(data, pick):
     text = data.decode("utf-8", "replace")
     places = [match.span(1) for match in re.finditer(r"[:\-,\[] ?([\w./*'\"-][^,\n\]}]*)", text)]
     if not places:
@@ -236,7 +228,7 @@ def _yaml_scalar(data: bytes, pick: random.Random) -> bytes:
     return (text[:start] + pick.choice(SCALARS) + text[stop:]).encode("utf-8", "replace")
 
 
-def _yaml_key(data: bytes, pick: random.Random) -> bytes:
+def _yaml_key(data, pick):
     text = data.decode("utf-8", "replace")
     places = [match.span(1) for match in re.finditer(r"(?m)^\s*(\w+):", text)]
     if not places:
@@ -247,7 +239,7 @@ def _yaml_key(data: bytes, pick: random.Random) -> bytes:
     return (text[:start] + key + text[stop:]).encode("utf-8", "replace")
 
 
-def _yaml_line(data: bytes, pick: random.Random) -> bytes:
+def _yaml_line(data, pick):
     lines = data.split(b"\n")
     number = pick.randrange(len(lines))
     made = pick.choice(
@@ -265,10 +257,10 @@ def _yaml_line(data: bytes, pick: random.Random) -> bytes:
     return b"\n".join([*lines[: number + 1], made, *lines[number + pick.choice((1, 2)) :]])
 
 
-YAML: list[Change] = [_yaml_scalar, _yaml_scalar, _yaml_scalar, _yaml_key, _yaml_line]
+YAML = [_yaml_scalar, _yaml_scalar, _yaml_scalar, _yaml_key, _yaml_line]
 
 
-def _csv_cell(data: bytes, pick: random.Random) -> bytes:
+def _csv_cell(data, pick):
     rows = data.split(b"\n")
     number = pick.choice((0, *range(len(rows))))
     cells = rows[number].split(b",")
@@ -277,7 +269,7 @@ def _csv_cell(data: bytes, pick: random.Random) -> bytes:
     return b"\n".join(rows)
 
 
-def _csv_column(data: bytes, pick: random.Random) -> bytes:
+def _csv_column(data, pick):
     """A whole column filled, dropped, or given again."""
     rows = [row.split(b",") for row in data.split(b"\n")]
     number, way, cell = pick.randrange(len(rows[0])), pick.randrange(4), pick.choice(CELLS).encode()
@@ -295,7 +287,7 @@ def _csv_column(data: bytes, pick: random.Random) -> bytes:
     return b"\n".join(b",".join(row) for row in rows)
 
 
-def _csv_rows(data: bytes, pick: random.Random) -> bytes:
+def _csv_rows(data, pick):
     rows = data.split(b"\n")
     number = pick.randrange(len(rows))
     made = pick.choice(
@@ -304,10 +296,10 @@ def _csv_rows(data: bytes, pick: random.Random) -> bytes:
     return b"\n".join([*rows[:number], made, *rows[number + 1 :]])
 
 
-CSV: list[Change] = [_csv_cell, _csv_cell, _csv_column, _csv_rows]
+CSV = [_csv_cell, _csv_cell, _csv_column, _csv_rows]
 
 NAMED = ("units", "standard_name", "scale_factor", "add_offset", "calendar", "axis")
-GIVEN: tuple[Any, ...] = (
+GIVEN = (
     *("", "hPa", "days since 0000-00-00", "hours since 9999-12-31", "furlongs per fortnight"),
     *("eastward_wind", "latitude", 0, -1, 1e30, -1e-30, float("nan"), float("inf"), np.zeros(3)),
     *("x" * 5000, "\u202e<script>alert(1)</script>"),
@@ -317,7 +309,7 @@ _REFUSED = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError)
 _REFUSED += (TypeError, ValueError)
 
 
-def damage_dataset(path: Path, pick: random.Random) -> None:
+def damage_dataset(path, pick):
     """Change attributes, names or values of a NetCDF file in place, through the library."""
     import netCDF4
 
@@ -325,7 +317,7 @@ def damage_dataset(path: Path, pick: random.Random) -> None:
         file.set_auto_maskandscale(False)
         for _ in range(pick.choice((1, 1, 2, 3))):
             variable = file.variables[pick.choice(sorted(file.variables))]
-            ways: list[Callable[[], object]] = [
+            ways = [
                 *[lambda v=variable: v.setncattr(pick.choice(NAMED), pick.choice(GIVEN))] * 2,
                 lambda v=variable: v.delncattr(pick.choice(v.ncattrs())),
                 lambda: file.setncattr(pick.choice(file.ncattrs()), pick.choice(GIVEN)),
@@ -338,7 +330,7 @@ def damage_dataset(path: Path, pick: random.Random) -> None:
                 continue
 
 
-def _values(variable: Any, pick: random.Random) -> None:
+def _values(variable, pick):
     """Values that are not finite, huge, all equal, reversed, or one of them wrong."""
     values = np.array(variable[...])
     if not values.size:
@@ -360,7 +352,7 @@ def _values(variable: Any, pick: random.Random) -> None:
     variable[...] = flat.reshape(values.shape)
 
 
-def damage_store(store: Path, pick: random.Random) -> None:
+def damage_store(store, pick):
     """Remove, exchange or change files of a Zarr store or its metadata, in place."""
     for _ in range(pick.choice((1, 1, 2, 3))):
         files = sorted(path for path in store.rglob("*") if path.is_file())

@@ -1,13 +1,8 @@
 """Small valid inputs of every kind, made by the project, for the campaign to damage."""
 
-from __future__ import annotations
-
 import gzip
 import shutil
-from collections.abc import Callable, Mapping
 from importlib.resources import files
-from pathlib import Path
-from typing import Any
 
 import netCDF4
 import numpy as np
@@ -34,7 +29,7 @@ LATLON = {
     **{"iDirectionIncrementInDegrees": 0.5, "jDirectionIncrementInDegrees": 0.5},
     **{"iScansNegatively": 0, "jScansPositively": 0, "uvRelativeToGrid": 0},
 }
-GRIBS: dict[str, tuple[int, dict[str, Any], str, bool]] = {
+GRIBS = {
     "grib1 simple": (1, LAMBERT, "grid_simple", False),
     "grib1 simple, bitmap": (1, LATLON, "grid_simple", True),
     "grib1 second order": (1, LATLON, "grid_second_order", False),
@@ -49,7 +44,7 @@ GRIBS: dict[str, tuple[int, dict[str, Any], str, bool]] = {
     "grib2 IEEE": (2, LATLON, "grid_ieee", False),
 }
 """Edition, grid, packing and whether points are missing."""
-RUN: dict[str, Any] = {"when": (20090916, 600), "step": 3, "bits": 12}
+RUN = {"when": (20090916, 600), "step": 3, "bits": 12}
 TEXTS = ("csv", "csv.gz", "yaml", "effects")
 TABLES = ("parquet", "netcdf3", "netcdf4", "bufr")
 PRODUCTS = ("headings.nc", "fits.nc", "corrected.nc")
@@ -81,11 +76,11 @@ REJECTED = "".join(
 )
 
 
-def make_seeds(folder: Path) -> dict[str, Path]:
+def make_seeds(folder):
     """Write one valid file of every kind; kept work stands for its folder."""
     folder.mkdir(parents=True, exist_ok=True)
     table = reports()
-    makers: dict[str, Callable[[Path], object]] = {
+    makers = {
         "csv": lambda path: table.to_csv(path, index=False),
         "csv.gz": lambda path: path.write_bytes(gzip.compress(table.to_csv(index=False).encode())),
         "parquet": lambda path: table.to_parquet(path, index=False),
@@ -101,7 +96,7 @@ def make_seeds(folder: Path) -> dict[str, Path]:
     return made | {"yaml": folder / "run" / "whole.yaml"}
 
 
-def make_dataset_seeds(folder: Path) -> dict[str, Path]:
+def make_dataset_seeds(folder):
     """Write Datasets, native levels, stations and lists; a Zarr store is a folder."""
     packed = {"dtype": "i2", "scale_factor": 0.01, "add_offset": 5.0, "_FillValue": -32767}
     packed |= {"zlib": True, "chunksizes": (1, 1, NJ, NI)}
@@ -128,25 +123,25 @@ def make_dataset_seeds(folder: Path) -> dict[str, Path]:
     )
 
 
-def _written(folder: Path, makers: Mapping[str, Callable[[Path], object]]) -> dict[str, Path]:
+def _written(folder, makers):
     made = {kind: folder / f"seed.{kind.replace(' ', '_')}" for kind in makers}
     for kind, make in makers.items():
         make(made[kind])
     return made
 
 
-def _winds(levels: int) -> np.ndarray:
+def _winds(levels):
     """u and v, (2, levels, y, x): waves of a few metres a second on a mean flow."""
     y, x = np.mgrid[0:NJ, 0:NI]
     waves = np.stack([6 * np.sin(x / 4 + n) + 4 * np.cos(y / 5 - n) for n in range(levels)])
     return np.stack([waves + 12.0, waves - 4.0]).astype("f4")
 
 
-def fields() -> list[np.ndarray]:
+def fields():
     return [part.round(2).ravel() for level in zip(*_winds(3), strict=True) for part in level]
 
 
-def reports(count: int = 60) -> pd.DataFrame:
+def reports(count=60):
     rng = np.random.default_rng(3)
     return pd.DataFrame(
         {
@@ -166,7 +161,7 @@ def reports(count: int = 60) -> pd.DataFrame:
     )
 
 
-def _grib(edition: int, grid: dict[str, Any], packing: str, bitmap: bool) -> bytes:
+def _grib(edition, grid, packing, bitmap):
     hidden = (np.arange(NI * NJ) % 17 == 5) & bitmap
     return b"".join(
         build(
@@ -182,7 +177,7 @@ def _grib(edition: int, grid: dict[str, Any], packing: str, bitmap: bool) -> byt
     )
 
 
-def _model_levels(path: Path) -> None:
+def _model_levels(path):
     pv = np.concatenate([np.zeros(7), np.linspace(0.2, 1.0, 7)])
     level = {"typeOfFirstFixedSurface": 105}
     made = [
@@ -196,7 +191,7 @@ def _model_levels(path: Path) -> None:
     path.write_bytes(b"".join(made))
 
 
-def _gaussian(path: Path) -> None:
+def _gaussian(path):
     """A global Gaussian grid of 32 x 64 points, three levels."""
     grid = {"gridType": "regular_gg", "N": 16, "Ni": 64, "Nj": 32, "iDirectionIncrement": 5625000}
     grid |= {
@@ -220,7 +215,7 @@ def _gaussian(path: Path) -> None:
     path.write_bytes(b"".join(made))
 
 
-def _surface(path: Path) -> None:
+def _surface(path):
     """Temperature at 2 m and wind at 10 m at two leads."""
     y, x = np.mgrid[0:NJ, 0:NI]
     parts = (((0, 0), 2, 285 + 3 * np.sin(x / 4)), ((2, 2), 10, 5 + y / 9), ((2, 3), 10, x / 9))
@@ -238,7 +233,7 @@ def _surface(path: Path) -> None:
     path.write_bytes(b"".join(made))
 
 
-def _latlon() -> xr.Dataset:
+def _latlon():
     """As reanalyses come: three hours about the reports' time, three levels."""
     u, v = np.repeat(_winds(LEVELS.size)[:, None], 3, axis=1)
     dims = ("time", "level", "latitude", "longitude")
@@ -257,7 +252,7 @@ def _latlon() -> xr.Dataset:
     )
 
 
-def _wrfout() -> xr.Dataset:
+def _wrfout():
     """Mercator mass points, staggered winds, pressure on model levels."""
     from pyproj import Proj
 
@@ -293,7 +288,7 @@ def _wrfout() -> xr.Dataset:
     )
 
 
-def _pairs() -> str:
+def _pairs():
     days = pd.date_range("2009-01-01", periods=12)
     rows = [
         f"{station},{day:%Y-%m-%d},{lead},{280 + n / 3:.1f},{281.5 + n / 3:.1f}"
@@ -304,7 +299,7 @@ def _pairs() -> str:
     return "\n".join(["station,start,lead,forecast,observation", *rows, ""])
 
 
-def _observations() -> str:
+def _observations():
     rows = [
         f"{station},{lat},{lon},2009-09-16T{hour:02d}:00:00Z,{12 + hour},10,270"
         for station, lat, lon in (("ORD", 41.98, -87.9), ("MSP", 44.88, -91.2))
@@ -314,7 +309,7 @@ def _observations() -> str:
     return "\n".join([names, *rows, ""])
 
 
-def _madis(path: Path, kind: Any) -> None:
+def _madis(path, kind):
     table = reports()
     size = len(table)
     with netCDF4.Dataset(path, "w", format=kind) as file:
@@ -339,7 +334,7 @@ def _madis(path: Path, kind: Any) -> None:
         tails[:] = netCDF4.stringtochar(table["tail"].to_numpy().astype("S9"))
 
 
-def bufr_file(path: Path) -> None:
+def bufr_file(path):
     """Write a dozen AMDAR messages of the sequence 3 11 001."""
     import eccodes
 
@@ -367,7 +362,7 @@ def bufr_file(path: Path) -> None:
             eccodes.codes_release(handle)
 
 
-def _of_a_run(folder: Path) -> dict[str, Path]:
+def _of_a_run(folder):
     """Products, kept work and header cache of a small run, and its configuration."""
     from airswing.config_file import load_config
     from airswing.synthetic.archive import write_archive

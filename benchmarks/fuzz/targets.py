@@ -6,8 +6,6 @@ runs cases one after the other within limits of memory: it reads ``kind<TAB>seed
 and answers with a line of JSON. The process may end with a case.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import io
@@ -21,9 +19,7 @@ import sys
 import tempfile
 import traceback
 import warnings
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -54,19 +50,17 @@ MEMORY = 4 << 30
 EXPORTS = ("obs_domain", "little_r", "ob_ascii", "jedi", "reject_list")
 EXPORTED = ("corrected.nc", "reject list")
 OTHERS = (*DATASETS, *STATIONS, *EXPORTED, "error table")
-Paths = dict[str, Path]
-Winds = tuple[Any, Any]
 
 
 class FoundError(Exception):
     """A forbidden outcome: the campaign's column, and a description."""
 
-    def __init__(self, column: str, what: str) -> None:
+    def __init__(self, column, what):
         super().__init__(column, what)
         self.column, self.what = column, what
 
 
-def case(kind: str, seed: int, seeds: Paths, folder: Path) -> str:
+def case(kind, seed, seeds, folder):
     """Make one case in an empty folder and run it; ``result`` or ``refused``, else FoundError."""
     pick = random.Random(f"{kind} {seed}")
     with warnings.catch_warnings():
@@ -77,7 +71,7 @@ def case(kind: str, seed: int, seeds: Paths, folder: Path) -> str:
     return end
 
 
-def _work(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> str:
+def _work(kind, pick, seeds, folder):
     if kind in KEPT:
         return _kept(kind, pick, seeds, folder)
     if kind == "whole command":
@@ -98,7 +92,7 @@ def _work(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> str:
     return _refusable(lambda: _reports(path))
 
 
-def damaged(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> Path:
+def damaged(kind, pick, seeds, folder):
     source, other = seeds[kind], seeds[pick.choice([*GRIBS, *TEXTS, *TABLES])]
     path = folder / f"damaged.{kind.replace(' ', '_').replace(',', '')}"
     if kind in STORES:
@@ -116,7 +110,7 @@ def damaged(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> Path:
     return path
 
 
-def _refusable(work: Callable[[], None]) -> str:
+def _refusable(work):
     try:
         work()
     except AirswingError as error:
@@ -127,14 +121,14 @@ def _refusable(work: Callable[[], None]) -> str:
     return "result"
 
 
-def _require_possible(east: Any, north: Any) -> None:
+def _require_possible(east, north):
     speed = np.hypot(np.asarray(east, np.float64), np.asarray(north, np.float64))
     absurd = ~(speed <= MAX_WIND) & ~np.isnan(speed)
     if absurd.any():
         raise FoundError("absurd winds", f"{int(absurd.sum())}, up to {np.nanmax(speed):.4g} m/s")
 
 
-def _other(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> str:
+def _other(kind, pick, seeds, folder):
     """Datasets, stations, and inputs of exports."""
     path = damaged(kind, pick, seeds, folder)
     if kind in DATASETS:
@@ -144,7 +138,7 @@ def _other(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> str:
     if kind in EXPORTED:
         return command(*_export(kind, path, seeds, folder, pick))
     if kind == "station pairs":
-        section: dict[str, Any] = {"pairs": {"files": str(path)}}
+        section = {"pairs": {"files": str(path)}}
     else:
         given = {name: seeds[name] for name in STATIONS} | {kind: path}
         section = {
@@ -161,7 +155,7 @@ def _other(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> str:
     return end
 
 
-def _places() -> xr.Dataset:
+def _places():
     table = reports()
     return xr.Dataset(
         {
@@ -173,7 +167,7 @@ def _places() -> xr.Dataset:
     )
 
 
-def _winds(path: Path, cache: Path, **options: bool) -> Winds:
+def _winds(path, cache, **options):
     from airswing.reference.catalogue import build_catalogue
     from airswing.reference.collocate import collocate
 
@@ -182,11 +176,11 @@ def _winds(path: Path, cache: Path, **options: bool) -> Winds:
     return found["reference_eastward_wind"], found["reference_northward_wind"]
 
 
-def _drawn(pick: random.Random) -> dict[str, bool]:
+def _drawn(pick):
     return {"sparse": pick.random() < 0.5, "derivatives": pick.random() < 0.3}
 
 
-def _gridded(path: Path, folder: Path, pick: random.Random) -> None:
+def _gridded(path, folder, pick):
     from airswing.workflow.inspection import inspect_file
 
     with contextlib.suppress(AirswingError):
@@ -194,7 +188,7 @@ def _gridded(path: Path, folder: Path, pick: random.Random) -> None:
     _require_possible(*_winds(path, folder / "cache", derivatives=pick.random() < 0.3))
 
 
-def _grib(path: Path, folder: Path, pick: random.Random) -> None:
+def _grib(path, folder, pick):
     from airswing.reference.inspection import inspect_grib
 
     with contextlib.suppress(AirswingError):
@@ -202,7 +196,7 @@ def _grib(path: Path, folder: Path, pick: random.Random) -> None:
     _require_possible(*_winds(path, folder / "cache", **_drawn(pick)))
 
 
-def _reports(path: Path) -> None:
+def _reports(path):
     from airswing.reports import read_reports
     from airswing.workflow.inspection import inspect_file
 
@@ -214,19 +208,19 @@ def _reports(path: Path) -> None:
         raise FoundError("silent", "row sizes do not add up")
 
 
-def _config(path: Path) -> None:
+def _config(path):
     from airswing.config_file import load_config
 
     load_config(path)
 
 
-def _effects(path: Path) -> None:
+def _effects(path):
     from airswing.gap.simulation.effects_file import plain_effects, read_effects
 
     plain_effects(read_effects(path))
 
 
-def _error_table(path: Path) -> None:
+def _error_table(path):
     from airswing.handover.error_tables import changed_table
 
     errors = {"UV": dict.fromkeys((1000, 700, 500, 300, 200, 100), 1.7)}
@@ -234,7 +228,7 @@ def _error_table(path: Path) -> None:
 
 
 # ---------------------------------------------------------------------------------- comparisons
-def _compared(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> None:
+def _compared(kind, pick, seeds, folder):
     """One changed byte of data, byte of a gzip stream, or cell: all else is unchanged.
 
     Under PNG and gzip, which have checksums, no value may differ at all.
@@ -262,19 +256,19 @@ def _compared(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> Non
 
 
 @functools.cache
-def _sound_winds(path: Path) -> Winds:
+def _sound_winds(path):
     with tempfile.TemporaryDirectory() as cache:
         return _winds(path, Path(cache))
 
 
 @functools.cache
-def _sound_reports(path: Path) -> pd.DataFrame:
+def _sound_reports(path):
     from airswing.reports import read_reports
 
     return _by_tail(read_reports(path))
 
 
-def _payload_changed(data: bytes, pick: random.Random) -> tuple[bytes, int]:
+def _payload_changed(data, pick):
     """Change one bit of one message's data; the message's number."""
     messages = sections(data)
     number = pick.randrange(len(messages))
@@ -284,7 +278,7 @@ def _payload_changed(data: bytes, pick: random.Random) -> tuple[bytes, int]:
     return data[:at] + bytes([data[at] ^ (1 << pick.randrange(8))]) + data[at + 1 :], number
 
 
-def _others_differ(found: Winds, sound: Winds, number: int, checksum: bool) -> str:
+def _others_differ(found, sound, number, checksum):
     """Describe winds that differ though their message (u and v by turns) was not changed."""
     level = LEVELS[number // 2] * 100.0
     nearest = np.sort(np.abs(LEVELS * 100.0 - level))[1]
@@ -298,7 +292,7 @@ def _others_differ(found: Winds, sound: Winds, number: int, checksum: bool) -> s
     return ""
 
 
-def _cell_changed(data: bytes, pick: random.Random) -> tuple[bytes, int]:
+def _cell_changed(data, pick):
     """Change one cell of one row of a table; the row's number, from 0."""
     rows = data.split(b"\n")
     number = pick.randrange(1, len(rows) - 1)
@@ -309,14 +303,14 @@ def _cell_changed(data: bytes, pick: random.Random) -> tuple[bytes, int]:
     return b"\n".join(rows), number - 1
 
 
-def _by_tail(ds: xr.Dataset) -> pd.DataFrame:
+def _by_tail(ds):
     """Winds, places and times of reports by tail: every report is another aircraft's."""
     names = ("time", "latitude", "longitude", "pressure", "eastward_wind", "northward_wind")
     tails = np.repeat(ds["aircraft"].values.astype(str), ds["row_size"].values)
     return pd.DataFrame({name: ds[name].values for name in names}, index=tails)
 
 
-def _rows_differ(found: pd.DataFrame, sound: pd.DataFrame, changed: str | None) -> str:
+def _rows_differ(found, sound, changed):
     """Describe values that differ in rows that were not changed; absent rows are allowed."""
     for name in found.columns:
         ours = found[name]
@@ -328,7 +322,7 @@ def _rows_differ(found: pd.DataFrame, sound: pd.DataFrame, changed: str | None) 
 
 
 # ------------------------------------------------------------------------------------- commands
-def command(*words: str) -> str:
+def command(*words):
     from airswing import cli
 
     before, sys.argv = sys.argv, ["airswing", *words]
@@ -346,15 +340,13 @@ def command(*words: str) -> str:
     return "result"
 
 
-def _require_short(messages: str) -> None:
+def _require_short(messages):
     longest = max(map(len, messages.splitlines()), default=0)
     if longest > LONGEST + 20:
         raise FoundError("long message", f"{longest} characters")
 
 
-def _export(
-    kind: str, path: Path, seeds: Paths, folder: Path, pick: random.Random
-) -> tuple[str, ...]:
+def _export(kind, path, seeds, folder, pick):
     run, output = seeds["kept notes"], folder / "results"
     output.mkdir()
     for product in (run / "results").glob("*.nc"):
@@ -370,7 +362,7 @@ def _export(
     return ("export", str(config), "--to", to, *target, *winds, *given, "--quiet")
 
 
-def _product(kind: str, path: Path, seeds: Paths, folder: Path, pick: random.Random) -> str:
+def _product(kind, path, seeds, folder, pick):
     from airswing.gap.simulation.effects_file import read_known
 
     output = folder / "out"
@@ -387,14 +379,14 @@ def _product(kind: str, path: Path, seeds: Paths, folder: Path, pick: random.Ran
 
 
 @functools.cache
-def _truth(folder: Path) -> dict[str, Any]:
+def _truth(folder):
     from airswing.products.netcdf import open_product
 
     with open_product(folder / "results" / "headings") as ds:
         return {str(name): ds[name].to_numpy() for name in ds.variables if name != "screening"}
 
 
-def _kept(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> str:
+def _kept(kind, pick, seeds, folder):
     run = seeds[kind]
     if kind == "header cache":
         return _header_cache(run, pick, folder)
@@ -409,7 +401,7 @@ def _kept(kind: str, pick: random.Random, seeds: Paths, folder: Path) -> str:
     return _refusable(lambda: _resumed(folder / "config.yaml", _truth(run)))
 
 
-def _resumed(config: Path, truth: dict[str, Any]) -> None:
+def _resumed(config, truth):
     from airswing.config_file import load_config
     from airswing.workflow import make_headings
     from airswing.workflow.job import Job
@@ -425,21 +417,21 @@ def _resumed(config: Path, truth: dict[str, Any]) -> None:
                 raise FoundError("silent", f"{name} differs")
 
 
-def _header_cache(run: Path, pick: random.Random, folder: Path) -> str:
+def _header_cache(run, pick, folder):
     cache = folder / "cache"
     shutil.copytree(run / "cache", cache)
     victim = pick.choice(sorted((cache / "grib-headers").iterdir()))
     victim.write_bytes(mutated("cache", victim.read_bytes(), b"rubbish" * 9, pick))
     files = str(run / "ruc" / "*")
 
-    def work() -> None:
+    def work():
         if _catalogue(files, cache) != _sound_catalogue(files, run / "cache"):
             raise FoundError("silent", "another catalogue from a damaged cache")
 
     return _refusable(work)
 
 
-def _catalogue(files: str, cache: Path) -> bytes:
+def _catalogue(files, cache):
     from airswing.reference.catalogue import build_catalogue
 
     made = build_catalogue(files, name="ruc", cache_dir=cache)
@@ -450,12 +442,12 @@ def _catalogue(files: str, cache: Path) -> bytes:
 _sound_catalogue = functools.cache(_catalogue)
 
 
-def _command(pick: random.Random, seeds: Paths, folder: Path) -> str:
+def _command(pick, seeds, folder):
     kind = pick.choice([*GRIBS, "csv", "netcdf3", "netcdf4", "parquet", "bufr", "yaml"])
     path = damaged(kind, pick, seeds, folder)
     config = folder / "config.yaml"
     of_reports = kind in (*TEXTS, *TABLES)
-    content: dict[str, Any] = {
+    content = {
         "reports": {"files": str(path if of_reports else seeds["csv"])},
         "references": {"ref": {"files": str(path if kind in GRIBS else seeds["grib1 simple"])}},
         "collocation": {"sparse": pick.random() < 0.5},
@@ -486,7 +478,7 @@ def _command(pick: random.Random, seeds: Paths, folder: Path) -> str:
 
 
 # -------------------------------------------------------------------------------------- process
-def answer(kind: str, seed: int, seeds: Paths, folder: Path) -> dict[str, str]:
+def answer(kind, seed, seeds, folder):
     try:
         return {"end": case(kind, seed, seeds, folder)}
     except FoundError as found:
@@ -500,7 +492,7 @@ def answer(kind: str, seed: int, seeds: Paths, folder: Path) -> dict[str, str]:
         return {"end": "traceback", "what": f"{type(error).__name__} at {where}: {error}"[:300]}
 
 
-def main() -> None:
+def main():
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     answers = os.fdopen(os.dup(1), "w")
