@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from airswing.evaluation.disagreement import disagreement_sums, innovations, measures_of
-from airswing.evaluation.innovations import combined, error_profiles, innovation_statistics
+from airswing.evaluation.innovations import (
+    combined,
+    disagreement_sums,
+    error_profiles,
+    innovation_statistics,
+    innovations,
+    measures_of,
+)
 from airswing.flags import PHASE, SCREENING
 from airswing.vocabulary import describe
 

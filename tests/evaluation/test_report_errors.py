@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from airswing.evaluation.error_separation import (
+from airswing.evaluation.observation_errors import (
     REACH,
     added_variance,
     half_squares,
     neighbouring_pairs,
+    observation_errors,
 )
-from airswing.evaluation.observation_errors import observation_errors
 from airswing.evaluation.resampling import day_weights, interval, widened
 from airswing.products.netcdf import read_product, write_product
 from airswing.report.html import Figures

@@ -201,11 +201,11 @@ def test_ensemble_members_are_not_mixed(tmp_path):
             messages.append(build(LATLON, np.full(176, value), parameter=parameter, extra=extra))
     path, cache = write(tmp_path / "x.grib", *messages), tmp_path / "c"
     catalogue = build_catalogue(path, name="x", cache_dir=cache)
-    assert list(catalogue.members) == [1] and len(catalogue.levels(0)) == 1
+    assert list(catalogue.profiles["member"]) == [1] and len(catalogue.levels(0)) == 1
     assert any("lowest number" in note for note in catalogue.notes)
     for member in (1, 3):
         one = build_catalogue(path, name="x", member=member, cache_dir=cache)
-        assert list(one.members) == [member] and not one.notes
+        assert list(one.profiles["member"]) == [member] and not one.notes
     with pytest.raises(InputError, match=r"references\.x.*ensemble member 2.*members 1, 3"):
         build_catalogue(path, name="x", member=2, cache_dir=cache)
 

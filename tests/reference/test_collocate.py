@@ -220,12 +220,12 @@ def test_the_plan_says_who_has_no_model_and_why(tmp_path):
     catalogue = hourly(tmp_path)
     ds = reports([-1, 0.5, 0.5, 0.5, 2.0], [5e4, 5e4, 5e4, 2e4, 5e4], [50, 50, 10, 50, 50], 20.0)
     one = overlap(ds, {"m": catalogue})["m"]
-    assert (one.reports, one.matched) == (5, 2)
-    assert (one.without_time, one.outside_grid, one.outside_levels) == (1, 1, 1)
-    assert one.report_times == ("2009-07-31T23:00Z", "2009-08-01T02:00Z")
-    assert one.model_span == ("2009-08-01T00:00Z", "2009-08-01T03:00Z")
+    assert (one["reports"], one["matched"]) == (5, 2)
+    assert (one["without_time"], one["outside_grid"], one["outside_levels"]) == (1, 1, 1)
+    assert one["report_times"] == ("2009-07-31T23:00Z", "2009-08-01T02:00Z")
+    assert one["model_span"] == ("2009-08-01T00:00Z", "2009-08-01T03:00Z")
     matched = np.isfinite(winds(ds, catalogue).reference_eastward_wind[0]).sum()
-    assert matched == one.matched
+    assert matched == one["matched"]
     require_overlap({"m": one})
 
 

@@ -8,22 +8,16 @@ scale s is removed too: V_A / (1 + s). The one-cycle part of the curve (B, C) is
 inverse of the horizontal field and is scaled to that of every report where it is known. A unit's
 table is the same at all places and is applied unscaled.
 
-Table of a unit
----------------
-The firmware holds one number a node at indicated magnetic headings 0, 45, ... 315 degrees and
-interpolates linearly between them, periodically. The best table is then not the curve at its nodes
-(which multiplies harmonic k by sinc^2(k/8): 0.950, 0.811) but the least-squares projection of the
-curve on that piecewise-linear basis, weighted by the headings that the aircraft flies. A small even
-weight makes the table follow the curve at headings that are not flown.
-
-``subtract_error``: the table holds the degrees to ADD to the indicated heading, minus the heading
-error, as a navigator's deviation card does (east positive = magnetic - compass).
+*Table.* The firmware holds one number a node at indicated magnetic headings 0, 45, ... 315 degrees
+and interpolates linearly between them. The best table is then not the curve at its nodes (which
+multiplies harmonic k by sinc^2(k/8): 0.950, 0.811) but the least-squares projection of the curve on
+that piecewise-linear basis, weighted by the headings that the aircraft flies and a small even
+weight. ``subtract_error``: the table holds the degrees to ADD to the indicated heading, minus the
+heading error, as a navigator's deviation card does (east positive = magnetic - compass).
 ``add_error``: the table holds the heading error itself, which the unit subtracts.
 
-Standard error
---------------
-The error of the corrected wind vector relative to the report of an aircraft without compass error.
-The correction adds V (e^(-i delta) - 1) along the heading, of length V delta. Its errors are
+*Standard error* of the corrected wind vector relative to the report of an aircraft without compass
+error. The correction adds V (e^(-i delta) - 1) along the heading, of length V delta. Its errors are
 independent and add in quadrature:
 
 * the curve: V times its standard error at the heading, and V times the difference of the unit's
@@ -35,11 +29,7 @@ independent and add in quadrature:
 * coding: both reports are rounded to steps of speed and direction, twice the variance of one.
 
 Gusts and noise of the sensors are in both reports and not included. Valid for deviations under 30
-degrees. Degrees in the Datasets, radians and m/s inside.
-
-References
-----------
-Jacobs et al. 2010 (seed paper), steps e and f.
+degrees. Degrees in the Datasets, radians and m/s inside. Source: Jacobs et al. 2010, steps e and f.
 """
 
 from __future__ import annotations
@@ -65,8 +55,7 @@ Array = NDArray[np.float64]
 NODES = np.arange(0.0, 360.0, 45.0)
 FINE = np.arange(0.5, 360.0, 1.0)
 """Headings at which curve and table are compared: the middles of 1-degree bins."""
-EVEN_SHARE = 0.05
-"""Share of the weight that is spread evenly over all headings."""
+EVEN_SHARE = 0.05  # share of the weight that is spread evenly over all headings
 Sign = Literal["subtract_error", "add_error"]
 SIGNS: dict[str, float] = {"subtract_error": -1.0, "add_error": 1.0}
 
@@ -172,12 +161,8 @@ def add_tables(
     [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]
     """
     if sign not in SIGNS:
-        raise InputError(
-            "unknown sign of the table",
-            field="table.sign",
-            found=sign,
-            remedy=f"One of: {', '.join(SIGNS)}",
-        )
+        remedy = f"One of: {', '.join(SIGNS)}"
+        raise InputError("unknown sign of the table", field="table.sign", found=sign, remedy=remedy)
     histogram: object = headings
     if isinstance(headings, xr.Dataset):
         histogram = heading_histogram(headings, abscissa=fits.attrs.get("abscissa", "magnetic"))
@@ -403,11 +388,8 @@ def correct(
             remedy=f"Fitted: {', '.join(names)}",
         )
     if method == "table" and "table_correction" not in fits:
-        raise InputError(
-            "the fits hold no tables",
-            field="table_correction",
-            remedy="Call add_tables first, or use method='curve'",
-        )
+        remedy = "Call add_tables first, or use method='curve'"
+        raise InputError("the fits hold no tables", field="table_correction", remedy=remedy)
     fit = fits.isel(reference=names.index(chosen))
     read = headings[[name for name in NEEDED if name in headings]]
     found = map_aircraft(_correct, read, fit, method=method, scaled=apply_airspeed_scale)

@@ -8,24 +8,13 @@ V_A = V_G - V_W,reported: it is derived and needs no heading column.
 The ground velocity comes from chords between fixes (`airswing.physics.track`); where the path
 turns, from the legs around it (`airswing.physics.turns`); where an aircraft reports true heading
 and airspeed that agree with its fixes, from these: V_G = V_A + V_W is then the velocity of its GPS
-at the report, without the rounding of positions and times.
+at the report, without the rounding of positions and times. In some archives a column named heading
+contains the track or the magnetic heading; it is therefore compared with the chords, aircraft by
+aircraft, beyond the effect of rounding (:func:`_judge_reported_heading`). A magnetic heading
+differs by the declination, which would become part of coefficient A; a track agrees with the track.
 
-Test of reported headings
--------------------------
-In some archives a column named heading contains the track or the magnetic heading. It is therefore
-compared with the chords, aircraft by aircraft, over reports with both. The reported heading must
-differ from the heading that the chords imply by less than 1.5 degrees in the median absolute value
-and by less than 0.6 degrees in the signed median (a magnetic heading differs by the declination,
-which would become part of coefficient A), each plus the effect of rounding, and by no more than it
-differs from the track (a track column agrees with the track to its rounding); airspeeds must differ
-by less than 3 m/s in the median. With fewer than 20 reports the chords are used. Of an aircraft
-that passes the test, single reports that differ from their chord by more than 15 m/s plus five
-standard errors keep the chord.
-
-Standard errors
----------------
-``ground_velocity_error`` is one standard error of each component of V_G: rounding of positions and
-times, and variation of the velocity between fixes. ``heading_standard_error`` is that error carried
+Standard errors: ``ground_velocity_error`` is that of each component of V_G (rounding of positions
+and times, and variation of the velocity between fixes); ``heading_standard_error`` the same carried
 to the indicated heading, ``heading_error_standard_error`` to psi_err, to first order: V_G enters
 both air vectors, so that an error of it nearly cancels. Errors of the model and of the coding of
 the wind are not included; the fit estimates that scatter.
@@ -60,8 +49,7 @@ _NEEDED = ("time", *_POSITION, *_WINDS, "flight", "row_size")
 _WIND_NAMES = ("reference_eastward_wind", "reference_northward_wind")
 LARGEST_ERROR = float(np.pi / np.sqrt(3.0))
 """Radians: standard error of an unknown angle, uniform over the circle."""
-FEWEST = 20
-"""Reports below which an aircraft's columns are not tested."""
+FEWEST = 20  # reports below which an aircraft's columns are not tested
 # Radians, in the median absolute value, in addition to the effect of rounding.
 MAX_HEADING_DIFFERENCE = float(np.radians(1.5))
 # Radians: half a degree is the effect of cutting instead of rounding to whole degrees.
@@ -150,11 +138,8 @@ def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.D
     """Add the derived variables to the reports of some aircraft, in memory."""
     total = int(ds["row_size"].sum())
     if total != ds.sizes["report"]:
-        raise InputError(
-            "row_size does not add up to the reports",
-            field="row_size",
-            found=f"{total} for {ds.sizes['report']} reports",
-        )
+        seen = f"{total} for {ds.sizes['report']} reports"
+        raise InputError("row_size does not add up to the reports", field="row_size", found=seen)
     aircraft, flight = aircraft_of_report(ds), ds["flight"].to_numpy()
     latitude, longitude, altitude, u, v = (_column(ds, name) for name in (*_POSITION, *_WINDS))
     time = ds["time"].to_numpy().astype("datetime64[ns]")
@@ -307,7 +292,7 @@ def _judge_reported_heading(
     aircraft: Index,
     number: int,
 ) -> NDArray[np.int8]:
-    """Code of `REPORTED_HEADING_USE` of each aircraft; see the module."""
+    """Code of `REPORTED_HEADING_USE` of each aircraft."""
     present = np.bincount(aircraft, weights=known, minlength=number)
     implied = chord.eastward - wind[0], chord.northward - wind[1]
     turned = triangle.angle_of_vector(*implied, *air)

@@ -1,58 +1,26 @@
 """Plausibility of reported quantities against model winds and the standard atmosphere.
 
 A wrong unit or convention in a column of the reports gives winds that a fit accepts without a
-message. Here every reported quantity of each aircraft is compared with an independent estimate, as
-reported and under the usual mistakes. A finding names the quantity, the aircraft and the likely
-mistake.
+message. Every reported quantity is therefore compared with an independent estimate, as reported and
+under the usual mistakes; a finding names the quantity, the aircraft and the likely mistake. Each
+aircraft with enough reports and flights is tested (at most `MOST` reports, evenly spread), and all
+others together, because the errors of one flight are alike.
 
-Tests
------
-Tested are each aircraft with at least 100 reports and 3 flights (at most 2,000 reports, evenly
-spread) and all other aircraft together, because the errors of one flight are alike. Let w be the
-reported wind, r the reference wind, g the ground velocity, c the wind w after removal of a
-deviation curve A to E fitted to the directions of ``g - w`` and ``g - r``.
+Let w be the reported wind, r the reference wind, g the ground velocity. The reference implies the
+air vector ``g - r``, positions a second ground velocity, the standard atmosphere the temperature at
+an altitude. Headings and winds are compared after removal of a deviation curve A to E fitted to the
+directions of ``g - w`` and ``g - r``. An angle is implausible where one mistake makes the mean
+square difference `RATIO` times smaller. The scale of w is that of its component along g: its
+regression on that of r is the lower bound, that of r on w the upper one (each is attenuated by the
+noise of the other). An error of the airspeed adds a constant along g, and one of the compass acts
+across g or is removed, so that neither looks like a wrong unit; mistakes of less than a quarter
+(mph for kt) remain unnoticed. Where altitudes are wrong, and with them the reference, the ground
+speed takes its place: at equal altitude it changes as the component of w along g.
 
-* Impossible values: more than half of a quantity's values are beyond their physical limits.
-* Position: the median speed between positions above 3,000 m is below 20 m/s.
-* Altitude and temperature: the median of ``|T - T_ISA(z)|`` is above 18 K, or T changes by less
-  than 0.55 or more than 1.5 times T_ISA; and under one mistake of z or T neither is so and the
-  median is below 12 K and less than half. Without temperatures: more than 30 % of the airspeeds
-  ``|g - r|`` exceed 195 m/s calibrated airspeed (380 kt; no airliner is certified for more than
-  365 kt), or 95 % of the reports are below 600 m at airspeeds above 80 m/s.
-* Ground speed: the median of its ratio to the speed between positions is outside 0.8 to 1.25.
-  Where the wind is derived, the ground vector as reported is the sum of the wind and the air vector
-  as reported.
-* Track, heading: the mean square of ``sin(angle / 2)`` between the track and the direction between
-  positions, or the heading and ``g - r`` less a deviation curve, is at least `RATIO` times smaller
-  under one mistake; or the mean cosine of the angle is below 0.7 and no mistake explains it.
-* Airspeed: the median of ``TAS / |g - r|`` is outside 0.8 to 1.25, or is that of indicated
-  airspeeds.
-* Headings that are tracks: 90 % of the headings are within 0.3 degrees of the reported track, where
-  the reference implies drift angles of 2 degrees (root mean square) and more.
-* Kind of heading (:func:`taken_for`): a magnetic heading taken for true is in error by minus the
-  declination where it was flown, a true one taken for magnetic (or corrected twice) by the
-  declination. The fits are kept, because an offset that is constant over the area of flight is
-  corrected like any other.
-* Wind direction: ``|w - r|^2`` under one mistake is on average at least `RATIO` times smaller than
-  ``|c - r|^2``; or the directions reach only a part of the circle where the reference's do not,
-  and agree with it there in direction and speed; or the components of c and r along g have a
-  correlation below 0.2 over 200 reports.
-* Wind speed: regression of the component of c along g on that of r gives the lower bound of the
-  scale of w, that of r on c the upper bound (each is attenuated by the noise of the other).
-  Implausible where 1 is outside by more than a quarter and three standard errors (by flight), and
-  a mistake has about this factor; mistakes of less (mph for kt) remain unnoticed. An error of the
-  airspeed adds a constant along g, and one of the compass acts across g or is removed in c, so that
-  neither looks like a wrong unit. Where altitudes are wrong, and with them the reference, the
-  ground speed takes its place: at equal altitude it changes as the component of w along g, because
-  the airspeed does not depend on the wind.
-* Time, where nothing else is found: ``|c - r|^2`` between reports within 100 km and 400 m of each
-  other that are 3, 6, 9 or 12 hours apart is smaller than between those of one time by
-  `CLOCK_RATIO`, and by four standard errors over at least 8 days. Errors of 1 or 2 hours remain
-  unnoticed. In three sample archives no correct clock has a significant ratio, and clocks in error
-  by 3 to 8 hours have 1.2 to 2.2.
-
-The wind tests need reference winds of at least 5 m/s (root mean square); scale and correlation
-along g need a standard deviation of 5 m/s.
+A clock is wrong where winds agree better with the reference of near places 3, 6, 9 or 12 h apart,
+by `CLOCK_RATIO` and by four standard errors. In three sample archives no correct clock has a
+significant ratio, and clocks in error by 3 to 8 hours have 1.2 to 2.2; 1 or 2 hours remain
+unnoticed.
 
 ``python -m benchmarks.units`` on sample archives of two seeds: with any `RATIO` from 1.5 to 3 every
 wrong unit of every column is named for all aircraft, and no correct archive has a finding
@@ -92,11 +60,10 @@ Sample = Mapping[str, NDArray[Any]]
 FEWEST, MOST = 30, 2000  # reports: needed for a test, and used of an aircraft
 FEWEST_OF_AIRCRAFT, FEWEST_FLIGHTS = 100, 3  # for an aircraft to be tested separately
 FASTEST_CALIBRATED = 195.0  # m/s, 380 kt
-RATIO = 2.0
-"""Factor by which a mistake of an angle must reduce the mean square difference (see the module)."""
+RATIO = 2.0  # by which a mistake of an angle must reduce the mean square difference
 LARGEST_DEVIATION = 45.0  # degrees: validity of the fit
+# Share of the aircraft above which a finding applies to all, because a column has one unit.
 SAME_COLUMN = 2.0 / 3.0
-"""Share of the aircraft above which a finding applies to all, because a column has one unit."""
 HIGH, SLOWEST = 3000.0, 20.0  # m, m/s: no aircraft flies so slowly at such altitudes
 LOWEST, FASTEST_LOW = 600.0, 80.0  # m, m/s: no aircraft flies all its reports so low and so fast
 WEAKEST = 5.0  # m/s: standard deviation of reference winds by which a scale is judged
@@ -208,17 +175,11 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
     """
     names = list(map(str, np.atleast_1d(headings["reference"].to_numpy())))
     members = [names.index(name) for name in references or names]
-    found: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
     few: dict[str, Sample] = {}
     together: list[Sample] = []
     aircraft: list[str] = []
     offsets: dict[str, tuple[float, float, float]] = {}
-
-    def note(tails: Iterable[str], sample: Sample) -> None:
-        for finding in findings_of(sample):
-            key = finding.quantity, "" if finding.factor else finding.likely
-            found.setdefault(key, []).extend((tail, finding) for tail in tails)
-
+    judged: list[tuple[list[str], list[Finding]]] = []
     for block in blocks(headings, _NEEDED):
         for tail, sample in _samples(block, members):
             aircraft.append(tail)
@@ -231,11 +192,16 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
             if sample["flight"].size < FEWEST_OF_AIRCRAFT or flights < FEWEST_FLIGHTS:
                 few[tail] = sample
             else:
-                note([tail], sample)
+                judged.append(([tail], findings_of(sample)))
     if few:
-        # Errors of one flight are alike: such aircraft are judged together.
-        every = next(iter(few.values()))
-        note(few, {name: np.concatenate([one[name] for one in few.values()]) for name in every})
+        columns = {name: [one[name] for one in few.values()] for name in next(iter(few.values()))}
+        every = {name: np.concatenate(values) for name, values in columns.items()}
+        judged.append(([*few], findings_of(every)))
+    found: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
+    for tails, of_sample in judged:
+        for one in of_sample:
+            key = one.quantity, "" if one.factor else one.likely
+            found.setdefault(key, []).extend((tail, one) for tail in tails)
     findings = [_of_fleet(group, aircraft) for group in found.values()]
     # quantities of which most values were removed on reading, with the mistake found there
     audit = json.loads(headings.attrs.get("reading_audit", "{}"))
@@ -319,15 +285,12 @@ def _of_fleet(group: Sequence[tuple[str, Finding]], aircraft: Sequence[str]) -> 
 
 
 def _samples(block: xr.Dataset, members: list[int]) -> Iterable[tuple[str, Sample]]:
-    size = block.sizes["report"]
     columns: dict[str, NDArray[Any]] = {}
     for name in _NEEDED:
-        values = block[name].to_numpy() if name in block else np.full(size, np.nan)
-        if values.ndim == 2:
-            known = np.isfinite(values[members])
-            total = np.where(known, values[members], 0.0).sum(axis=0, dtype=np.float64)
-            number = known.sum(axis=0)
-            values = np.divide(total, number, out=np.full(size, np.nan), where=number > 0)
+        one = block.get(name, block["flight"] * np.nan)
+        if "reference" in one.dims:
+            one = one.isel(reference=members).astype(np.float64).mean("reference")
+        values = one.to_numpy()
         if name == "time":
             values = values.astype("datetime64[ns]").astype(np.int64) / 1e9
         columns[name] = values.astype(np.float64)
@@ -422,11 +385,8 @@ def _level_findings(sample: Sample) -> list[Finding]:
     low = np.quantile(altitude, 0.95) < LOWEST and np.median(speed) > FASTEST_LOW
     if too_fast(1.0) <= 0.3 and not low:
         return []
-    if low:
-        likely = "flight levels read as ft"
-    else:
-        rises = (name for name, f in _ALTITUDE_MISTAKES.items() if f > 1.0 and too_fast(f) < 0.05)
-        likely = next(rises, "")
+    rises = (name for name, f in _ALTITUDE_MISTAKES.items() if f > 1.0 and too_fast(f) < 0.05)
+    likely = "flight levels read as ft" if low else next(rises, "")
     evidence = (
         f"{too_fast(1.0):.0%} of the airspeeds are beyond any aircraft's limit at these altitudes "
         f"(median {np.median(speed) / KNOT:.0f} kt at {np.median(altitude) / FOOT:,.0f} ft)"
@@ -447,16 +407,13 @@ def _against_standard_atmosphere(altitude: Array, kelvin: Array) -> list[Finding
     apart, alike = compared(1.0, kelvin)
     if apart <= 18.0 and alike:
         return []
-    trials = {
-        ("pressure_altitude", name): compared(factor, kelvin)
-        for name, factor in _ALTITUDE_MISTAKES.items()
-    } | {
-        ("air_temperature", name): compared(1.0, corrected(kelvin))
-        for name, corrected in _TEMPERATURE_MISTAKES.items()
-    }
-    possible = {key: distance for key, (distance, alike) in trials.items() if alike}
-    possible["air_temperature", ""] = np.inf
-    (quantity, likely), best = min(possible.items(), key=lambda item: item[1])
+    quantity, likely, best = "air_temperature", "", np.inf
+    trials = [("pressure_altitude", name, f, kelvin) for name, f in _ALTITUDE_MISTAKES.items()]
+    trials += [("air_temperature", n, 1.0, f(kelvin)) for n, f in _TEMPERATURE_MISTAKES.items()]
+    for column, name, factor, temperature in trials:
+        distance, alike = compared(factor, temperature)
+        if alike and distance < best:
+            quantity, likely, best = column, name, distance
     if best > min(12.0, 0.5 * apart):
         if apart < 60.0:  # air near the ground in a polar winter is 50 K colder than the standard
             return []
@@ -513,18 +470,22 @@ def _angle_findings(quantity: str, angle: Array, expected: Array, *, curve: bool
             difference = difference - _curve(difference, angle)
         return float(np.mean(np.sin(np.radians(difference / 2.0)) ** 2))
 
-    agreement = float(np.mean(np.cos(np.radians(angle - expected))))
-    trials = {name: apart(corrected(angle)) for name, corrected in _ANGLE_MISTAKES.items()}
-    best = min(trials, key=lambda name: trials[name])
-    explained = apart(angle) > RATIO * trials[best]
-    if not explained and agreement >= 0.7:
+    likely = _angle_mistake(angle, apart)
+    if not likely and float(np.mean(np.cos(np.radians(angle - expected)))) >= 0.7:
         return []
     evidence = (
         f"they lie between {np.quantile(angle % 360.0, 0.01):.0f} and "
         f"{np.quantile(angle % 360.0, 0.99):.0f} degrees and do not agree with the "
         + ("headings of ground velocity and reference wind" if curve else "positions")
     )
-    return [Finding(quantity, best if explained else "", evidence)]
+    return [Finding(quantity, likely, evidence)]
+
+
+def _angle_mistake(angle: Array, apart: Callable[[Array], float]) -> str:
+    """Mistake that makes the mean square difference of angles much smaller; empty if none does."""
+    trials = {name: apart(corrected(angle)) for name, corrected in _ANGLE_MISTAKES.items()}
+    best = min(trials, key=lambda name: trials[name])
+    return best if apart(angle) > RATIO * trials[best] else ""
 
 
 def _curve(difference: Array, heading: Array) -> Array:
@@ -641,28 +602,23 @@ def _less_deviation(wind: Complex, reference: Complex, ground: Complex) -> Compl
 
 
 def _wind_directions(wind: Complex, reference: Complex, ground: Complex) -> list[Finding]:
-    def apart(wind: Complex) -> float:
-        corrected = _less_deviation(wind, reference, ground)
+    comes_from, speed = _direction(-wind) % 360.0, np.abs(wind)
+
+    def apart(angle: Array) -> float:
+        corrected = _less_deviation(-_vector(speed, angle), reference, ground)
         return float(np.mean(np.abs(corrected - reference) ** 2))
 
-    comes_from, speed = _direction(-wind) % 360.0, np.abs(wind)
-    trials = {
-        name: apart(-_vector(speed, corrected(comes_from)))
-        for name, corrected in _ANGLE_MISTAKES.items()
-    }
-    best = min(trials, key=lambda name: trials[name])
     low, high = (float(value) for value in np.quantile(comes_from, [0.01, 0.99]))
     evidence = f"they lie between {low:.0f} and {high:.0f} degrees"
-    if apart(wind) > RATIO * trials[best]:
-        return [Finding("wind_direction", best, f"{evidence} and contradict the reference's")]
+    if likely := _angle_mistake(comes_from, apart):
+        return [Finding("wind_direction", likely, f"{evidence} and contradict the reference's")]
     of_reference = _direction(-reference) % 360.0
     share = float(np.mean((of_reference < low - 20.0) | (of_reference > high + 20.0)))
     inside = (of_reference >= low) & (of_reference <= high)
     # Inside that part winds agree; a mistake of the direction does not change the speeds.
     scale = float(np.sqrt(np.mean(speed**2) / np.mean(np.abs(reference) ** 2)))
-    if share < 0.15 or high - low > 270.0 or not 0.8 <= scale <= 1.25:
-        return []
-    if np.count_nonzero(inside) < FEWEST:
+    plain = share < 0.15 or high - low > 270.0 or not 0.8 <= scale <= 1.25
+    if plain or np.count_nonzero(inside) < FEWEST:
         return []
     one, other = wind[inside], reference[inside]
     correlation = np.sum((one * other.conj()).real) / np.linalg.norm(one) / np.linalg.norm(other)
@@ -697,13 +653,13 @@ def with_implausible(fits: xr.Dataset, findings: Sequence[Finding]) -> xr.Datase
     The status becomes ``implausible_reports`` where the fit would be published or does not improve
     the winds; the attribute ``implausible_reports`` holds the findings of :func:`plausibility`.
     """
-    tails = {tail for finding in findings if finding.refused for tail in finding.aircraft}
-    named = xr.DataArray([str(t) in tails for t in fits["aircraft"].to_numpy()], dims="aircraft")
-    # Winds that a correction does not improve are a consequence of implausible reports.
-    judged = published(fits["status"]) | (fits["status"] == STATUS["no_improvement"]).to_numpy()
-    affected = named & xr.DataArray(judged, dims=fits["status"].dims)
-    status = fits["status"].where(~affected, STATUS["implausible_reports"])
-    return fits.assign(status=status.astype(fits["status"].dtype)).assign_attrs(
+    status = fits["status"]
+    tails = [tail for finding in findings if finding.refused for tail in finding.aircraft]
+    named = status["aircraft"].astype(str).isin(tails)
+    # winds that a correction does not improve are a consequence of implausible reports
+    affected = named & (published(status) | (status == STATUS["no_improvement"]))
+    marked = status.where(~affected, STATUS["implausible_reports"]).astype(status.dtype)
+    return fits.assign(status=marked).assign_attrs(
         implausible_reports=json.dumps([asdict(finding) for finding in findings])
     )
 

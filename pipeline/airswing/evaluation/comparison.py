@@ -30,18 +30,12 @@ from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation import Content
-from airswing.evaluation.disagreement import (
-    Floats,
-    Ints,
-    Part,
-    member_mean,
-    paired_design,
-    parts_of,
-)
 from airswing.evaluation.gains import only
+from airswing.evaluation.innovations import Floats, Ints, Part, member_mean, paired_design, parts_of
 from airswing.evaluation.resampling import normal_interval
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.triangle import wrap_degrees
+from airswing.products.ragged import time_span
 from airswing.products.whole_files import Findings
 
 Mask = NDArray[np.bool_]
@@ -53,8 +47,7 @@ CURVE_RMS_DEG, REGION_BIAS = 0.2, 0.4
 """Degrees and m/s: a smaller difference does not matter, however significant it is."""
 NAMES = ("A", "B", "C", "D", "E")
 COMPONENTS = ("eastward", "northward")
-REGIONS = 9
-"""Thirds of the reports by latitude, and of each by longitude."""
+REGIONS = 9  # thirds of the reports by latitude, and of each by longitude
 FEWEST_REPORTS, FEWEST_DAYS = 50, 10
 """Fewest for the difference of an aircraft: with fewer days eight coefficients fit the scatter."""
 FEWEST_OF_SLICE, FEWEST_OF_HAT = 500, 100
@@ -123,12 +116,11 @@ def compare(
             found=", ".join(singles) or "none",
             remedy="Add another reference to the configuration",
         )
-    wind = headings["reference_eastward_wind"]
-    shared = only(headings, wind.notnull().all("reference").to_numpy())
+    shared = only(headings, headings["reference_eastward_wind"].notnull().all("reference"))
     fits = fit_deviation(shared, pools=pools, **fit_options).compute()
     region = regions_of(headings["latitude"].to_numpy(), headings["longitude"].to_numpy())
-    day = headings["time"].to_numpy().astype("datetime64[D]").astype(np.int64)
-    first, days = int(day.min()), int(np.ptp(day)) + 1
+    first, last = (int(day.astype("M8[D]").astype(np.int64)) for day in time_span(headings))
+    days = last - first + 1
     members = [(name, one) for name, inside in pools.items() if len(inside) > 1 for one in inside]
     tested = list(combinations(singles, 2))
     whole = {pair: PairSums(*pair, days) for pair in [*tested, *members]}
@@ -143,10 +135,8 @@ def compare(
             rows = {name: values[..., low:high] for name, values in columns.items()}
             for sums in whole.values():
                 sums.add(rows, rows["kept"], aircraft=int(part.aircraft[low]))
-            for pair in tested:
-                for kind, name, chosen in _slices(rows, *pair):
-                    sums = slices[kind].setdefault((pair, name), PairSums(*pair, days))
-                    sums.add(rows, chosen)
+            for pair, (kind, name, chosen) in ((p, s) for p in tested for s in _slices(rows, *p)):
+                slices[kind].setdefault((pair, name), PairSums(*pair, days)).add(rows, chosen)
     reports_used = next(iter(whole.values())).reports
     if not reports_used:
         raise InputError(
@@ -156,30 +146,31 @@ def compare(
             remedy="Check that the references cover the same times and places",
         )
     barred = {name.lower() for name in never_pool or []}
-    content: Content = {
-        "reports": reports_used,
-        "references": list(pools),
-        "pairs": [
-            {
-                **_judged(sums, barred),
-                "aircraft": [
-                    _aircraft_entry(*one, fits.sel(reference=list(pair))) for one in sums.aircraft
-                ],
-                "own_test": pair in tested,
-            }
-            for pair, sums in whole.items()
-        ],
-    }
-    for kind, found in slices.items():
-        content[kind] = [
+    squares = {pair: whole[pair].squares for pair in tested}
+    counted = whole[tested[0]].regions[0].sum(axis=0)
+    by_pair = []
+    for pair, sums in whole.items():
+        both = fits.sel(reference=list(pair))
+        entries = [_aircraft_entry(*one, both) for one in sums.aircraft]
+        judged = _judged(sums, barred)
+        by_pair.append({**judged, "aircraft": entries, "own_test": pair in tested})
+    by_slice = {
+        kind: [
             {"slice": name, **_judged(sums, barred), "own_test": True}
             for (_, name), sums in found.items()
             if sums.reports >= FEWEST_OF_SLICE
         ]
-    squares = {pair: whole[pair].squares for pair in tested}
-    counted = whole[tested[0]].regions[0].sum(axis=0)
-    content["three_way"] = hats_of(counted, squares, singles)
-    return Findings(content)
+        for kind, found in slices.items()
+    }
+    return Findings(
+        {
+            "reports": reports_used,
+            "references": list(pools),
+            "pairs": by_pair,
+            **by_slice,
+            "three_way": hats_of(counted, squares, singles),
+        }
+    )
 
 
 def regions_of(latitude: Floats, longitude: Floats) -> Ints:
@@ -204,14 +195,15 @@ def _columns(part: Part, pools: Mapping[str, list[str]]) -> Columns:
     ``wind`` (2, report) and ``lead`` are followed by the name of a reference or pool.
     """
     block, screening = part.block, part.block["screening"].to_numpy()
-    found: Columns = {
-        name: np.radians(part.column(name)) for name in ("heading", "magnetic_heading")
-    }
-    found["airspeed"] = part.column("airspeed")
-    known = np.isfinite(sum(found.values()))
+    heading, magnetic = (np.radians(part.column(f"{kind}heading")) for kind in ("", "magnetic_"))
+    airspeed = part.column("airspeed")
+    known = np.isfinite(heading + magnetic + airspeed)
     # months count from January 1970: December, January and February are season 0
     month = block["time"].to_numpy().astype("datetime64[M]").astype(np.int64)
-    found |= {
+    found: Columns = {
+        "heading": heading,
+        "magnetic_heading": magnetic,
+        "airspeed": airspeed,
         "season": (month + 1) % 12 // 3,
         "phase": block["phase"].to_numpy(),
         "pressure": block["pressure"].to_numpy(),
@@ -226,21 +218,19 @@ def _columns(part: Part, pools: Mapping[str, list[str]]) -> Columns:
 
 def _slices(rows: Columns, one: str, two: str) -> list[tuple[str, str, Mask]]:
     """Slices of one aircraft's reports: kind, name and the reports in it."""
-    lead, kept = np.fmax(rows[f"lead {one}"], rows[f"lead {two}"]), rows["kept"]
-    low, high = rows["pressure"] > 70000.0, rows["pressure"] <= 50000.0
-    return [
-        ("by_lead_time", "analysis to 1 h", (lead <= 1.0) & kept),
-        ("by_lead_time", "1 to 6 h", (lead > 1.0) & (lead <= 6.0) & kept),
-        ("by_lead_time", "over 6 h", (lead > 6.0) & kept),
-        *(
-            ("by_phase", name, (rows["phase"] == code) & rows["kept_any_phase"])
-            for name, code in PHASE.items()
-        ),
-        ("by_level", "below 700 hPa", low & kept),
-        ("by_level", "700 to 500 hPa", ~low & ~high & kept),
-        ("by_level", "above 500 hPa", high & kept),
-        *(("by_season", name, (rows["season"] == k) & kept) for k, name in enumerate(_SEASONS)),
+    lead, pressure = np.fmax(rows[f"lead {one}"], rows[f"lead {two}"]), rows["pressure"]
+    slices = [
+        ("by_lead_time", "analysis to 1 h", lead <= 1.0),
+        ("by_lead_time", "1 to 6 h", (lead > 1.0) & (lead <= 6.0)),
+        ("by_lead_time", "over 6 h", lead > 6.0),
+        *(("by_phase", name, rows["phase"] == code) for name, code in PHASE.items()),
+        ("by_level", "below 700 hPa", pressure > 70000.0),
+        ("by_level", "700 to 500 hPa", (pressure > 50000.0) & (pressure <= 70000.0)),
+        ("by_level", "above 500 hPa", pressure <= 50000.0),
+        *(("by_season", name, rows["season"] == k) for k, name in enumerate(_SEASONS)),
     ]
+    kept = {"by_phase": rows["kept_any_phase"]}
+    return [(kind, name, some & kept.get(kind, rows["kept"])) for kind, name, some in slices]
 
 
 @dataclass
@@ -407,33 +397,30 @@ def regional_bias(sums: Floats) -> list[Content]:
 def _block_mean(name: str, total: Floats, number: Floats, block: Ints) -> dict[str, float]:
     """Mean, standard error clustered by block and two-sided p value, from sums by day."""
     some = number > 0
-    total, number = total[some], number[some]
-    _, index = np.unique(block[some], return_inverse=True)
-    blocks_seen = int(index.max()) + 1
-    mean, error, p_value = float(total.sum() / number.sum()), float("nan"), float("nan")
-    if blocks_seen > 1:
-        summed = np.bincount(index, weights=total - mean * number, minlength=blocks_seen)
-        square = (summed**2).sum() * blocks_seen / (blocks_seen - 1.0)
-        error = float(np.sqrt(square) / number.sum())
+    mean = float(total[some].sum() / number[some].sum())
+    rest = np.bincount(block[some], total[some] - mean * number[some])
+    freedom = np.unique(block[some]).size - 1
+    error = p_value = float("nan")
+    if freedom:
+        error = float(np.sqrt((rest**2).sum() * (freedom + 1.0) / freedom) / number[some].sum())
         # two references with the same wind have a difference of exactly zero
-        p_value = float(2 * special.stdtr(blocks_seen - 1, -abs(mean) / max(error, 1e-12)))
+        p_value = float(2 * special.stdtr(freedom, -abs(mean) / max(error, 1e-12)))
     return {name: mean, f"{name}_standard_error": error, f"{name}_p_value": p_value}
 
 
 def _judged(sums: PairSums, barred: set[str]) -> Content:
     # difference that the fleet has in common, with the errors that aircraft share by day
-    fleet: Content = {"aircraft": 0, "p_value": float("nan"), "curve_rms_deg": float("nan")}
+    fleet: Content = {"aircraft": 0, "p_value": np.nan, "curve_rms_deg": np.nan}
     days = np.flatnonzero(sums.common.any(axis=(1, 2)))
     if days.size:
         mean, influence = solved(sums.common[days])
         covariance = persistent_covariance(influence, days)
-        errors = np.degrees(np.sqrt(np.diag(covariance)))
         # rms over the compass of A + B sin + C cos + D sin 2 + E cos 2
         rms = np.degrees(np.sqrt(mean[0] ** 2 + (mean[1:] ** 2).sum() / 2.0))
         fleet = {
             "aircraft": sums.counted,
-            "difference": dict(zip(NAMES, np.degrees(mean).tolist(), strict=True)),
-            "standard_error": dict(zip(NAMES, errors.tolist(), strict=True)),
+            "difference": _by_name(mean),
+            "standard_error": _by_name(np.sqrt(np.diag(covariance))),
             "curve_rms_deg": float(rms),
             "p_value": wald(mean, covariance, days.size),
         }
@@ -444,15 +431,12 @@ def _judged(sums: PairSums, barred: set[str]) -> Content:
         "mean_vector_difference_m_s": sums.distance / sums.reports if sums.reports else np.nan,
         "fleet": fleet,
         "regions": regions,
-        **verdict(fleet, regions, {sums.one.lower(), sums.two.lower()} & barred),
+        **_verdict(fleet, regions, {sums.one.lower(), sums.two.lower()} & barred),
     }
 
 
-def verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Content:
-    """Whether a pair may be pooled (``poolable``, None with too few days or reports), and ``why``.
-
-    ``barred`` are the references of the pair in ``never_pool``.
-    """
+def _verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Content:
+    """Whether a pair may be pooled (None with too few days or reports), and why."""
     p_value, rms = fleet["p_value"], fleet["curve_rms_deg"]
     if not np.isfinite(p_value):
         return {"poolable": None, "why": "too few days or reports for a test"}
@@ -489,10 +473,15 @@ def verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Content
     }
 
 
+def _by_name(coefficients: Floats) -> dict[str, float]:
+    """Coefficients A to E in degrees."""
+    return dict(zip(NAMES, np.degrees(coefficients).tolist(), strict=True))
+
+
 def _aircraft_entry(number: int, values: Floats, influence: Floats, fits: xr.Dataset) -> Content:
     """Differences of one aircraft in degrees, with 95 % intervals; fits of both references."""
     covariance = influence.T @ influence
-    difference, errors = np.degrees(values), np.degrees(np.sqrt(np.diag(covariance)))
+    difference, errors = _by_name(values), _by_name(np.sqrt(np.diag(covariance)))
     pair = fits.isel(aircraft=number)
     # B = amplitude cos(phase), C = amplitude sin(phase): the delta method
     phase, amplitude = np.radians(float(pair["phase"].mean())), float(pair["amplitude"].mean())
@@ -505,16 +494,13 @@ def _aircraft_entry(number: int, values: Floats, influence: Floats, fits: xr.Dat
     entry: Content = {
         "aircraft": str(pair["aircraft"].item()),
         "p_value": wald(values, covariance, len(influence)),
-        "difference": dict(zip(NAMES, difference.tolist(), strict=True)),
-        "standard_error": dict(zip(NAMES, errors.tolist(), strict=True)),
-        "ci": dict(
-            zip(NAMES, map(normal_interval, difference.tolist(), errors.tolist()), strict=True)
-        ),
+        "difference": difference,
+        "standard_error": errors,
+        "ci": {name: normal_interval(difference[name], errors[name]) for name in NAMES},
     }
     for name, gradient in gradients.items():
-        change = float(-np.diff(pair[name])[0])
-        if name == "phase":
-            change = float(wrap_degrees(change))
+        change = -np.diff(pair[name])[0]
+        change = float(wrap_degrees(change) if name == "phase" else change)
         wide = float(np.sqrt(gradient @ block @ gradient))
         ends = normal_interval(change, wide)
         entry[name] = {"difference": change, "standard_error": wide, "ci": ends}
@@ -534,7 +520,7 @@ def hats_of(
         return []
     seen = count > 0
     count = count[seen]
-    found: list[Content] = []
+    found = []
     corner = 0.5 * np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
     for triple in combinations(names, 3):
         total = np.array([squares[pair][seen] for pair in combinations(triple, 2)])
@@ -542,19 +528,15 @@ def hats_of(
         if count.size > 1:
             without = (total.sum(1, keepdims=True) - total) / (count.sum() - count)
             errors = np.sqrt(np.var(corner @ without, axis=1) * (count.size - 1.0))
-        found.append(
+        entries = [
             {
-                "references": list(triple),
-                "reports": int(count.sum()),
-                "errors": [
-                    {
-                        "reference": name,
-                        "variance": float(variance),
-                        "variance_standard_error": float(error),
-                        "component_rms": float(np.sqrt(variance)) if variance > 0 else None,
-                    }
-                    for name, variance, error in zip(triple, variances, errors, strict=True)
-                ],
+                "reference": name,
+                "variance": float(variance),
+                "variance_standard_error": float(error),
+                "component_rms": float(np.sqrt(variance)) if variance > 0 else None,
             }
-        )
+            for name, variance, error in zip(triple, variances, errors, strict=True)
+        ]
+        content: Content = {"references": list(triple), "reports": int(count.sum())}
+        found.append(content | {"errors": entries})
     return found

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.evaluation import Content
-from airswing.evaluation.disagreement import disagreement_sums, measures_of, parts_of
+from airswing.evaluation.innovations import disagreement_sums, measures_of, parts_of
 from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test, ratio
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.ragged import blocks, time_span
@@ -51,10 +51,8 @@ def adjusted_reductions(
     untreated when errors add in quadrature.
     """
     linear = (corrected_before - corrected_during) - (controls_before - controls_during)
-    untreated = np.sqrt(
-        np.maximum(corrected_before**2 + controls_during**2 - controls_before**2, 0.0)
-    )
-    return linear, untreated - corrected_during
+    square = corrected_before**2 + controls_during**2 - controls_before**2
+    return linear, np.sqrt(np.maximum(square, 0.0)) - corrected_during
 
 
 @dataclass(frozen=True)
@@ -87,10 +85,8 @@ class DaySums:
         """Bootstrap the means over days within each window: (draw, group, window)."""
         weights = np.ones((draws, self.during.size))
         for k, days in enumerate((~self.during, self.during)):
-            # days are independent units
-            weights[:, days] = day_weights(
-                int(days.sum()), draws=draws, seed=seed + 7919 * k, length=1
-            )
+            some: Any = {"draws": draws, "seed": seed + 7919 * k, "length": 1}
+            weights[:, days] = day_weights(int(days.sum()), **some)  # days are independent units
         return self.means(weights)
 
 
@@ -219,8 +215,7 @@ def field_test(
             **checks,
             "components": {
                 group: {
-                    window: measures_of(components[:, 2 * i + j])
-                    for j, window in enumerate(WINDOWS)
+                    name: measures_of(components[:, 2 * i + j]) for j, name in enumerate(WINDOWS)
                 }
                 for i, group in enumerate(GROUPS)
             },
@@ -272,34 +267,27 @@ def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) ->
         -second, group, covariate=first, draws=draws, seed=seed
     )
     matched: Content = {"adjusted_reduction_kt": None}
+    change = first - second
     if group.any() and not group.all():
         # pair each corrected aircraft with the control of the nearest disagreement before the test
-        apart, change = np.abs(first[group][:, np.newaxis] - first[~group]), first - second
+        apart = np.abs(first[group][:, np.newaxis] - first[~group])
         less = change[group] - change[~group][apart.argmin(axis=1)]
         matched["adjusted_reduction_kt"] = float(less.mean())
         matched["mean_distance_kt"] = float(apart.min(axis=1).mean())
+    rows = zip(names, np.array(GROUPS)[sums.corrected.astype(int)], before, during, strict=True)
+    columns = ("aircraft", "group", "before_kt", "during_kt")
     return {
         "permutation": {
             "effect_kt": effect,
             "p_value": p_value,
-            "p_value_unconditional": permutation_test(
-                first - second, group, draws=draws, seed=seed
-            )[1],
+            "p_value_unconditional": permutation_test(change, group, draws=draws, seed=seed)[1],
             "draws": draws,
             "null_effects_kt": null[:_MOST_NULL_EFFECTS].tolist(),
         },
         "regression_to_the_mean": regression_to_the_mean(sums),
         "matched_controls": matched,
         "by_aircraft": [
-            {
-                "aircraft": str(name),
-                "group": GROUPS[int(treated)],
-                "before_kt": float(level),
-                "during_kt": float(later),
-            }
-            for name, treated, level, later in zip(
-                names, sums.corrected, before, during, strict=True
-            )
+            dict(zip(columns, (one.item() for one in row), strict=True)) for row in rows
         ],
     }
 

@@ -1,18 +1,16 @@
 """Gain of correcting each aircraft: expected from its fit, and realised on reports not used in it.
 
 *Expected gain.* The reduction of the mean wind vector disagreement. On the reports of the fit it is
-too large, because the curve was fitted to their errors: a curve with error variance s^2 in the wind
-reduces the residual variance it was fitted to by s^2 and adds s^2 to any other. That optimism
-(Efron 2004, J. Amer. Stat. Assoc. 99, 619-632) is subtracted, to first order. The interval contains
-the covariance of the coefficients and, days being the independent units, the scatter of the
-headings and errors between days.
+too large: a curve with error variance s^2 in the wind reduces the residual variance it was fitted
+to by s^2 and adds s^2 to any other. That optimism (Efron 2004, J. Amer. Stat. Assoc. 99, 619-632)
+is subtracted, to first order. The interval contains the covariance of the coefficients and, days
+being the independent units, the scatter of the headings and errors between days.
 
 *Realised gain.* Reports are held out by date (the virtual field test) or by day (cross-validation:
-every tenth day in turn, with coefficients less the effect of the equations of these days, to first
-order). The same report is compared before and after its correction by the 8-point table, so that
-the model's error hardly enters.
-
-Assumes that compasses do not change. Radians and m/s in the kernel; knots and degrees in results.
+every tenth day in turn, with coefficients less the effect of the equations of these days). The same
+report is compared before and after its correction by the 8-point table, so that the model's error
+hardly enters. Assumes that compasses do not change. Radians and m/s in the kernel; knots and
+degrees in results.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -38,8 +36,8 @@ from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation import Content
-from airswing.evaluation.disagreement import Ints, parts_of, require_reference
 from airswing.evaluation.field_test import require_aircraft
+from airswing.evaluation.innovations import Ints, parts_of, require_reference
 from airswing.evaluation.resampling import (
     Floats,
     cluster_sums,
@@ -53,8 +51,7 @@ from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import row_bounds, time_span
 from airswing.units import KNOT
 
-MOST_REPORTS = 1500
-"""Most reports of an aircraft used for the interval; the gain itself uses all."""
+MOST_REPORTS = 1500  # most reports of an aircraft used for the interval; the gain itself uses all
 DRAWS = 300
 
 
@@ -211,36 +208,31 @@ def rank_aircraft(
     return [*ranked, *(entry for entry in entries if entry["rank"] is None)]
 
 
-Mask = NDArray[np.bool_]
+def only(headings: xr.Dataset, chosen: xr.DataArray | NDArray[np.bool_]) -> xr.Dataset:
+    """Headings with all other reports marked ``no_reference``, so that no fit uses them; lazy."""
+    screening = headings["screening"]
+    mark = screening.dtype.type(SCREENING["no_reference"])
+    return headings.assign(screening=screening | mark * ~chosen)
 
 
-class TableOptions(FitOptions, total=False):
-    """Options of the fit, and the resolution of the tables in degrees."""
-
-    resolution: float
-
-
-def only(headings: xr.Dataset, chosen: Mask) -> xr.Dataset:
-    """Headings with all other reports marked ``no_reference``, so that no fit uses them."""
-    screening = headings["screening"].to_numpy()
-    marked = np.where(chosen, screening, screening | SCREENING["no_reference"])
-    return headings.assign(screening=("report", marked.astype(screening.dtype)))
-
-
-def fitted(
+def _learned(
     headings: xr.Dataset,
+    until: date,
+    *,
     pools: Mapping[str, list[str]],
     reference: str,
-    *,
-    resolution: float = 0.1,
+    resolution: float,
+    seed: int,
     **options: Unpack[FitOptions],
-) -> xr.Dataset:
-    """Fits and tables against one reference or pool, in memory; marked reports are not used."""
+) -> tuple[xr.Dataset, list[Content]]:
+    """Fits and tables against one reference or pool, and ranking, from the reports before a day."""
+    before = only(headings, headings["time"] < np.datetime64(until))
     members = list(pools[reference])
-    part = headings.sel(reference=members)
+    part = before.sel(reference=members)
     fits = fit_deviation(part, pools={reference: members}, alone=False, **options)
-    # Computed here, because every later use of a lazy fit would repeat it.
-    return add_tables(fits, part, resolution=resolution).compute()
+    # computed here, because every later use of a lazy fit would repeat it
+    fits = add_tables(fits, part, resolution=resolution).compute()
+    return fits, rank_aircraft(before, fits, pools=pools, reference=reference, seed=seed)
 
 
 def virtual_field_test(
@@ -252,7 +244,8 @@ def virtual_field_test(
     corrected: list[str] | None = None,
     draws: int = 1000,
     seed: int = 0,
-    **fit_options: Unpack[TableOptions],
+    resolution: float = 0.1,
+    **options: Unpack[FitOptions],
 ) -> Content:
     """Learn the corrections up to a date, apply them after it, and compare with the prediction.
 
@@ -268,8 +261,10 @@ def virtual_field_test(
         Aircraft that get the correction, the others being controls; all by default.
     draws, seed : int
         Of the bootstrap.
-    **fit_options
-        As for :func:`fitted`.
+    resolution : float
+        Of the tables, degrees.
+    **options
+        As for :func:`airswing.fit_deviation`.
 
     Returns
     -------
@@ -297,8 +292,7 @@ def virtual_field_test(
         require_aircraft(names, corrected, "corrected")
     require_reference(pools, reference)
     treated = np.ones(names.size, bool) if corrected is None else np.isin(names, corrected)
-    early = headings["time"].to_numpy() < np.datetime64(learned_until)
-    used = headings["screening"].to_numpy() == 0
+    early, used = headings["time"] < np.datetime64(learned_until), headings["screening"] == 0
     for words, period in (("before", early), ("from", ~early)):
         if not (used & period).any():
             first, last = time_span(headings)
@@ -308,9 +302,8 @@ def virtual_field_test(
                 found=f"reports from {str(first)[:10]} to {str(last)[:10]}",
                 remedy="Choose a date inside the archive",
             )
-    learned = only(headings, early)
-    fits = fitted(learned, pools, reference, **fit_options)
-    ranking = rank_aircraft(learned, fits, pools=pools, reference=reference, seed=seed)
+    against: Any = {"pools": pools, "reference": reference, "resolution": resolution, "seed": seed}
+    fits, ranking = _learned(headings, learned_until, **against, **options)
     fit = fits.sel(reference=reference)
     table = error_from_table(fit).to_numpy()[np.newaxis]
     sums = _sum_by_day(headings, pools[reference], fit, [table])
@@ -323,20 +316,19 @@ def virtual_field_test(
             for part in (sums.number, sums.before, sums.after[0])
         )
         # a group with reports on one side of the date only has no difference
-        if not number.all():
-            continue
-        level, uncorrected = (before / number).tolist()
-        # controls remain as reported, although they also have fits
-        during = float(after[1] / number[1]) if group == "corrected" else uncorrected
-        groups[group] = {
-            "aircraft": int(member.sum()),
-            "before_kt": level,
-            "during_kt": during,
-            "during_uncorrected_kt": uncorrected,
-            "reduction_kt": level - during,
-            "reports_before": int(number[0]),
-            "reports_during": int(number[1]),
-        }
+        if number.all():
+            level, uncorrected = (before / number).tolist()
+            # controls remain as reported, although they also have fits
+            during = float(after[1] / number[1]) if group == "corrected" else uncorrected
+            groups[group] = {
+                "aircraft": int(member.sum()),
+                "before_kt": level,
+                "during_kt": during,
+                "during_uncorrected_kt": uncorrected,
+                "reduction_kt": level - during,
+                "reports_before": int(number[0]),
+                "reports_during": int(number[1]),
+            }
     chosen = (treated & sums.correctable)[:, np.newaxis] & late
     return {
         "reference": reference,
@@ -362,26 +354,25 @@ def predicted_reduction(
     pools: Mapping[str, list[str]],
     reference: str,
     seed: int = 0,
-    **fit_options: Unpack[TableOptions],
+    **options: Unpack[FitOptions],
 ) -> Content:
     """Reduction that the fits before a field test predict, each aircraft with the same weight.
 
     Part of ``field_test.json``: ``ranking`` of all aircraft before ``start``, and
     ``predicted_reduction_kt`` with ``predicted_reduction_ci_kt`` of the ``predicted_aircraft``
-    corrected aircraft that have a fit (None without any). Options as for :func:`fitted`.
+    corrected aircraft that have a fit (None without any). Options as for
+    :func:`airswing.fit_deviation`.
     """
     require_reference(pools, reference)
-    before = only(headings, headings["time"].to_numpy() < np.datetime64(start))
-    fits = fitted(before, pools, reference, **fit_options)
-    ranking = rank_aircraft(before, fits, pools=pools, reference=reference, seed=seed)
-    known = [
-        (entry["expected_gain_kt"], entry["expected_gain_standard_error_kt"])
-        for entry in ranking
-        if entry["aircraft"] in corrected and entry["expected_gain_kt"] is not None
-    ]
-    mean, ends = None, None
-    if known:
-        gains, errors = np.array(known).T
+    against: Any = {"pools": pools, "reference": reference, "resolution": 0.1, "seed": seed}
+    ranking = _learned(headings, start, **against, **options)[1]
+    ranked = [one for one in ranking if one["rank"] is not None and one["aircraft"] in corrected]
+    mean = ends = None
+    if ranked:
+        gains, errors = (
+            np.array([one[f"expected_gain_{name}kt"] for one in ranked])
+            for name in ("", "standard_error_")
+        )
         # the errors of the fits of different aircraft are independent
         mean = float(gains.mean())
         ends = normal_interval(mean, float(np.linalg.norm(errors) / errors.size))
@@ -389,7 +380,7 @@ def predicted_reduction(
         "ranking": ranking,
         "predicted_reduction_kt": mean,
         "predicted_reduction_ci_kt": ends,
-        "predicted_aircraft": len(known),
+        "predicted_aircraft": len(ranked),
     }
 
 
@@ -452,10 +443,8 @@ def cross_validate(
     tables = [error_from_table(left_out).to_numpy(), error_from_table(fit).to_numpy()[np.newaxis]]
     sums = _sum_by_day(headings, pools[reference], fit, tables)
     names = headings["aircraft"].to_numpy().astype(str)
-    number, *gains = (
-        np.where(sums.correctable[:, np.newaxis], part, 0.0)
-        for part in (sums.number, *(sums.before - after for after in sums.after))
-    )
+    number = np.where(sums.correctable[:, np.newaxis], sums.number, 0.0)
+    gains = [np.where(number > 0, sums.before - after, 0.0) for after in sums.after]
     if not number.any():
         raise InputError(
             "no held-out report could be corrected",
@@ -477,7 +466,7 @@ class _DaySums:
     """Reports and their summed disagreement by aircraft and day, (aircraft, day); knots."""
 
     first: int  # day since 1970
-    correctable: Mask  # (aircraft,): whether the aircraft has a table
+    correctable: NDArray[np.bool_]  # (aircraft,): whether the aircraft has a table
     number: Floats
     before: Floats
     after: list[Floats]  # as corrected; as reported where an aircraft has no table
@@ -532,19 +521,15 @@ def _compared(
     day leaves the intervals unknown; the gains are None where nothing could be compared.
     """
     ranked = {entry["aircraft"]: entry for entry in ranking}
-    known = [ranked[name] for name in names]
-    chosen = [
-        k
-        for k, entry in enumerate(known)
-        if number[k].any() and entry["expected_gain_kt"] is not None
-    ]
-    if not chosen:
+    chosen = np.array([ranked[name]["rank"] is not None for name in names])
+    chosen &= number.any(axis=1)
+    names, number, gain = names[chosen], number[chosen], gain[chosen]
+    if not names.size:
         return {"by_aircraft": [], "predicted_gain_kt": None, "realised_gain_kt": None}
     expected, errors = (
-        np.array([known[k][f"expected_gain_{name}kt"] for k in chosen])
-        for name in ("", "standard_error_")
+        np.array([ranked[name][f"expected_gain_{kind}kt"] for name in names])
+        for kind in ("", "standard_error_")
     )
-    number, gain = number[chosen], gain[chosen]
 
     def compared(rows: slice) -> Content:
         reports, by_day = number[rows].sum(axis=1), number[rows].sum(axis=0)
@@ -573,6 +558,6 @@ def _compared(
         }
 
     by_aircraft = [
-        {"aircraft": str(names[k]), **compared(slice(row, row + 1))} for row, k in enumerate(chosen)
+        {"aircraft": str(name), **compared(slice(k, k + 1))} for k, name in enumerate(names)
     ]
     return {**compared(slice(None)), "by_aircraft": by_aircraft}

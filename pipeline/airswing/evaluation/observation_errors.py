@@ -1,24 +1,34 @@
 """The standard error of a wind component of the reports alone: ``observation_errors.nc``.
 
-*Separation*: the common part of neighbouring aircraft's errors is attributed to the reference
-(:mod:`airswing.evaluation.error_separation`). One reference suffices; different aircraft must
-report near each other. An error common to all aircraft, and motion on scales below their distance,
-cannot be separated.
+*Separation.* Two neighbouring aircraft share the error of the reference and the weather. Half the
+mean squared difference of their differences from the reference, extrapolated to zero separation, is
+the error variance of the reports (the intercept of Hollingsworth & Loennberg 1986, Tellus 38A,
+111-136, as a variogram, in which differences between regions cancel). The expected half square of a
+pair is the mean of both reports' error variances (of the cell, phase of flight and layer, plus that
+of the aircraft's class) plus the difference of the reference's errors at that separation,
+proportional to the disagreement of both cells; this linear model is fitted by weighted least
+squares for each bootstrap draw of days. One reference suffices. Errors of different aircraft are
+taken as independent; motion on scales below their distance counts as error of the reports.
 
-*Three-cornered hat*: with two references the mean product of a report's two disagreements is the
+*Three-cornered hat.* With two references the mean product of a report's two disagreements is the
 report's error variance plus the covariance of the references' errors (Gray & Allan 1974). With that
 covariance assumed (0 by default) it is an upper bound wherever the errors of the references are
 correlated, as those of models that assimilate the same observations are. The covariance is
 estimated too: the hat's variance less that of the separation.
 
-Both use the corrected winds; the variance of the reported winds follows from the corrections. The
-preferred method is the separation; it is the hat where no interval of the separation is known, or
-where the covariance is not significant and the interval of the hat is the narrower one. Intervals
-(95 %) are a bootstrap over blocks of days and, for the reported winds, over aircraft.
+*Reported winds.* Both methods use the corrected winds. The error variance of the reported winds
+exceeds theirs by the mean square of the correction c (reported minus corrected), which is known
+exactly, plus twice the mean of c d, d being the corrected wind's disagreement. The mean of c d
+contains the covariance of c with the error of the corrected wind, which is wanted, and with the
+reference's error, which is the error of the estimate. Neither days nor aircraft are independent,
+and its variance is that of both clusters less that of their intersection (Cameron, Gelbach & Miller
+2011, J. Bus. Econ. Stat. 29, 238-249), for this fleet in this archive.
 
-A cell is a phase of flight in a layer of pressure. A report counts where it has a reported wind, a
-corrected one and every reference. Archives too large to pair are thinned to evenly spread whole
-days. m/s, m2/s2, degrees, Pa, seconds.
+The preferred method is the separation; it is the hat where no interval of the separation is known,
+or where the covariance is not significant and the interval of the hat is the narrower one.
+Intervals (95 %) are a bootstrap over blocks of days and, for the reported winds, over aircraft. A
+report counts where it has a reported wind, a corrected one and every reference; archives too large
+to pair are thinned to evenly spread whole days. m/s, m2/s2, degrees, Pa, seconds.
 """
 
 from __future__ import annotations
@@ -33,32 +43,26 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from airswing.evaluation.disagreement import Floats, Ints, parts_of
-from airswing.evaluation.error_separation import (
-    FEWEST_DAYS,
-    PairTable,
-    added_variance,
-    half_squares,
-    neighbouring_pairs,
-    separate,
-)
 from airswing.evaluation.innovations import (
     CELLS,
     LAYER_PRESSURES,
     LEVEL_EDGES_HPA,
     STATES,
+    Floats,
+    Ints,
+    parts_of,
     profile_cells,
 )
 from airswing.evaluation.resampling import day_weights, interval, ratio, widened
 from airswing.flags import CORRECTION, PHASE
+from airswing.units import MODEL_EARTH_RADIUS
 
 METHODS = ("separation", "three_cornered_hat")
 FLIGHT_PHASES = ("all", "ascent", "cruise", "descent")
-DRAWS = 400
-"""Ten draws lie beyond either end of a 95 % interval."""
-FEWEST_REPORTS = 100
-"""Fewest of a cell for a value of the hat."""
+DRAWS = 400  # ten draws lie beyond either end of a 95 % interval
+FEWEST_REPORTS = 100  # fewest of a cell for a value of the hat
 KNOWN_SHARE = 0.8
 """Share of a layer's reports in cells with a value, below which the layer has none."""
 MOST_REPORTS, MOST_PAIRS, MOST_CLASSES = 1_000_000, 800_000, 40
@@ -82,6 +86,174 @@ _APPLIED = [CORRECTION[name] for name in ("corrected", "already_corrected", "no_
 _KEY = ["aircraft", "day", "cell"]
 _SUMMED = ("number", "reported", "corrected", "change", "crossed")
 _PAIRED = ("latitude", "longitude", "pressure", "time", "aircraft", "cell", "day", "east", "north")
+REACH = (30_000.0, 0.06, 1350.0)  # separation beyond which a pair is no longer near: m, ln p, s
+FEWEST_PAIRS, FEWEST_OF_CELL, FEWEST_DAYS = 400, 150, 8
+"""Below these the parts of the error cannot be separated."""
+_MOST_AT_ONCE = 20_000  # reports of a day; more are thinned at random
+_TERMS = 4  # terms of the reference's error as a function of separation
+_BINS = 8  # classes of separation, each with one variance of half squares
+
+
+@dataclass(frozen=True)
+class PairTable:
+    """All near pairs of an archive."""
+
+    day: Ints  # (pair,): from 0, in order of time
+    cells: Ints  # (pair, 2): of both reports
+    classes: Ints  # (pair, 2)
+    separation: Floats  # (pair, 3)
+    squares: Floats  # (pair,): half squares
+
+
+@dataclass(frozen=True)
+class Separated:
+    """Error variances: the estimate first, then those of the bootstrap draws of days."""
+
+    by_cell: Floats  # (1 + draw, cell): cells with too few pairs have one value in common
+    by_class: Floats  # (1 + draw, class)
+    resolved: NDArray[np.bool_]  # (cell,): whether a cell has enough pairs
+
+
+def neighbouring_pairs(
+    latitude: Floats, longitude: Floats, pressure: Floats, time: Floats, aircraft: Ints
+) -> tuple[Ints, Floats]:
+    """Find the pairs of reports of different aircraft that are near; degrees, Pa, s.
+
+    Returns the places of both reports (pair, 2) and their separation (pair, 3): distance,
+    difference of ln p and of time, in units of :data:`REACH`.
+    """
+    drawn = np.random.default_rng(latitude.size).permutation(latitude.size)
+    chosen = np.sort(drawn[:_MOST_AT_ONCE])
+    phi, lam = np.radians(latitude[chosen]), np.radians(longitude[chosen])
+    place = np.stack([np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)], axis=1)
+    place *= MODEL_EARTH_RADIUS / REACH[0]
+    where = np.column_stack([place, np.log(pressure[chosen]) / REACH[1], time[chosen] / REACH[2]])
+    found = cKDTree(where).query_pairs(1.0, output_type="ndarray").astype(np.int64)
+    found = found[np.diff(aircraft[chosen][found], axis=1)[:, 0] != 0]
+    apart = np.abs(np.diff(where[found], axis=1)[:, 0])
+    distance = np.sqrt((apart[:, :3] ** 2).sum(axis=1))
+    return chosen[found], np.column_stack([distance, apart[:, 3:]])
+
+
+def half_squares(east: Floats, north: Floats, pairs: Ints) -> Floats:
+    """Half the squared difference of two neighbours (pair,), the mean of both components, m2/s2.
+
+    ``east`` and ``north`` are report minus reference, (report,), m/s; ``pairs`` (pair, 2) places.
+    """
+    squares = np.diff(east[pairs], axis=1) ** 2 + np.diff(north[pairs], axis=1) ** 2
+    # half for two components, half for two reports: the error variance of one
+    return np.asarray(0.25 * squares[:, 0], dtype=np.float64)
+
+
+def separate(
+    table: PairTable, number: Floats, amplitude: Floats, weights: Floats
+) -> Separated | None:
+    """Separate the reports' error variance from the reference's; None with too few pairs or days.
+
+    ``number`` (cell, class) of reports weights cells and classes; the reference's part is
+    proportional to ``amplitude`` (cell,), the mean square disagreement; ``weights`` (1 + draw, day)
+    are the weights of each day, the first row being ones.
+    """
+    if table.day.size < FEWEST_PAIRS or np.unique(table.day).size < FEWEST_DAYS:
+        return None
+    # each pair counts in the cells of both its reports
+    resolved = np.bincount(table.cells.ravel(), minlength=len(number)) >= 2 * FEWEST_OF_CELL
+    column = np.where(resolved, np.cumsum(resolved) - 1, int(resolved.sum()))
+    cells, classes = int(column.max()) + 1, number.shape[1]
+    design = np.zeros((table.day.size, cells + classes + _TERMS))
+    row = np.arange(table.day.size)
+    for end in (0, 1):
+        np.add.at(design, (row, column[table.cells[:, end]]), 0.5)
+        np.add.at(design, (row, cells + table.classes[:, end]), 0.5)
+    # A correlation that is smooth at zero separation decreases as a square there, and more slowly
+    # further out: the squares of the three parts, and the fourth power of the whole.
+    scale = np.sqrt(amplitude[table.cells]).prod(axis=1)
+    scale /= max(float(scale.mean()), 1e-12)  # the terms are in the units of the half squares
+    squared = table.separation**2
+    terms = np.column_stack([squared, squared.sum(axis=1) ** 2])
+    design[:, cells + classes :] = terms * scale[:, None]
+    drawn = _solved(design, table, weights, cells + classes)
+    of_cell = number / np.maximum(number.sum(axis=1, keepdims=True), 1.0)
+    of_class = number / np.maximum(number.sum(axis=0, keepdims=True), 1.0)
+    cell_part, class_part = drawn[:, column], drawn[:, cells : cells + classes]
+    by_class = cell_part @ of_class + class_part
+    return Separated(cell_part + class_part @ of_cell.T, by_class, resolved)
+
+
+def _solved(design: Floats, table: PairTable, weights: Floats, variances: int) -> Floats:
+    """Weighted least squares for every draw of the days: (draw, column)."""
+    # the variance of a half square is the square of its mean, here by separation
+    distance = np.sqrt((table.separation**2).sum(axis=1))
+    place = np.minimum((distance * _BINS).astype(np.int64), _BINS - 1)
+    count = np.maximum(np.bincount(place, minlength=_BINS), 1)
+    mean = np.bincount(place, weights=table.squares, minlength=_BINS) / count
+    precision = 1.0 / np.maximum(mean[place], 1e-12) ** 2
+    matrix = np.zeros((weights.shape[1], design.shape[1], design.shape[1]))
+    right = np.zeros(matrix.shape[:2])
+    order = np.argsort(table.day, kind="stable")
+    ends = np.searchsorted(table.day[order], np.arange(1, weights.shape[1]))
+    for day, rows in enumerate(np.split(order, ends)):
+        weighted = design[rows] * precision[rows, None]
+        matrix[day], right[day] = weighted.T @ design[rows], weighted.T @ table.squares[rows]
+    matrix, right = np.tensordot(weights, matrix, axes=1), weights @ right
+    diagonal = np.einsum("dii->di", matrix)
+    # a cell without a pair in the days drawn has no row and must stay solvable
+    ridge = 1e-9 * diagonal + 1e-30
+    # cells and classes both contain the mean; this assigns it to the classes
+    ridge[:, :variances] += 1e-4 * diagonal[:, :variances].mean(axis=1, keepdims=True)
+    whole = matrix + ridge[..., None] * np.eye(matrix.shape[-1])
+    return np.asarray(np.linalg.solve(whole, right[..., None])[..., 0])
+
+
+def added_variance(
+    key: Ints,
+    number: Floats,
+    change: Floats,
+    crossed: Floats,
+    weights: Floats,
+    *,
+    cells: int,
+    seed: int,
+) -> Floats:
+    """Error variance of the reported winds less that of the corrected winds, (1 + draw, 1 + cell).
+
+    The estimate, then draws of days (by ``weights``) and aircraft; of all reports, then of each
+    cell; NaN without reports. ``key`` (3, group) are aircraft, day and cell of groups of reports;
+    of each group ``number`` of reports, summed c squared (mean of both components) and summed
+    products c d (of both components).
+    """
+    aircraft, day, cell = key
+    days, craft = weights.shape[1], int(aircraft.max(initial=0)) + 1
+
+    def by(other: Ints, size: int, values: Floats) -> Floats:
+        table = np.bincount(cell * size + other, values, cells * size).reshape(cells, size)
+        return np.vstack([table.sum(axis=0), table])
+
+    flown = by(aircraft, craft, number)
+    total = flown.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = by(day, days, crossed).sum(axis=1) / total
+        known = by(day, days, change).sum(axis=1) / total
+        by_day, by_aircraft = (
+            (by(other, size, crossed) - mean[:, None] * by(other, size, number)) / total[:, None]
+            for other, size in ((day, days), (aircraft, craft))
+        )
+        together = np.bincount(aircraft * days + day, crossed - mean[0] * number)
+        each = np.bincount(cell, (crossed - mean[1:][cell] * number) ** 2, cells)
+        intersection = np.append((together**2).sum(), each) / total**2
+    members = (flown > 0).sum(axis=1)
+    by_aircraft *= np.sqrt(members / np.maximum(members - 1.0, 1.0))[:, None]
+    drawn = np.random.default_rng([seed, 1]).normal(size=(len(weights), craft))
+    drawn[0] = 0.0
+    of_days, of_aircraft = (weights - 1.0) @ by_day.T, drawn @ by_aircraft.T
+    share: Floats | float = 1.0
+    if len(weights) > 1:
+        # the intersection is counted once
+        variances = of_days[1:].var(axis=0), (by_aircraft**2).sum(axis=1)
+        both = variances[0] + variances[1]
+        once = np.maximum(both - intersection, np.maximum(*variances))
+        share = np.sqrt(np.divide(once, both, out=np.ones_like(both), where=both > 0.0))
+    return np.asarray(known + mean + share * (of_days + of_aircraft))
 
 
 @dataclass(frozen=True)
@@ -181,15 +353,9 @@ def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
         if len(ends) > most:
             chosen = np.sort(rng.permutation(len(ends))[:most])
             ends, separation = ends[chosen], separation[chosen]
-        parts.append(
-            (
-                np.full(len(ends), day),
-                part["cell"][ends],
-                classes[part["aircraft"][ends]],
-                separation,
-                half_squares(part["east"], part["north"], ends),
-            )
-        )
+        squares = half_squares(part["east"], part["north"], ends)
+        columns = part["cell"][ends], classes[part["aircraft"][ends]], separation, squares
+        parts.append((np.full(len(ends), day), *columns))
     return PairTable(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
@@ -274,7 +440,7 @@ def observation_errors(
     table, fleet_error = _root(tables[0, ..., preferred]), _root(fleet[0, :, preferred])
     layer = np.where(np.isfinite(table[:1]), table[:1], fleet_error)
     cell = ("flight_phase", "layer", "state")
-    drawn_of = {
+    drawn_of: dict[str, tuple[tuple[str, ...], Floats]] = {
         "observation_error": (cell, _root(tables[..., preferred])),
         "fleet_observation_error": (("state",), _root(fleet[..., preferred])),
         "observation_error_by_method": (("way", *cell), _root(np.moveaxis(tables, -1, 1))),
@@ -282,14 +448,11 @@ def observation_errors(
         "weight_gain": (cell[:2], _gain(tables[..., preferred])),
         "fleet_weight_gain": ((), _gain(fleet[..., preferred])),
         "reference_error_covariance": ((), fleet[:, -1, 1] - fleet[:, -1, 0]),
-        "aircraft_observation_error": (
-            ("aircraft", "state"),
-            _root(widened(aircraft, days)).swapaxes(1, 2),
-        ),
     }
-    data: dict[str, Any] = {
-        "observation_error_filled": (cell, np.where(np.isfinite(table), table, layer))
-    }
+    of_aircraft = _root(widened(aircraft, days)).swapaxes(1, 2)
+    drawn_of["aircraft_observation_error"] = ("aircraft", "state"), of_aircraft
+    filled = np.where(np.isfinite(table), table, layer)
+    data: dict[str, Any] = {"observation_error_filled": (cell, filled)}
     for name, (dims, drawn) in drawn_of.items():
         data[name] = (dims, drawn[0])
         bounds = np.full((2, *drawn.shape[1:]), np.nan)
@@ -321,7 +484,7 @@ def _separation(
     found: Disagreements, number: Floats, weights: Floats
 ) -> tuple[Floats, Floats, Floats] | None:
     """Variances of cells, fleet and aircraft from neighbours; None with too few pairs."""
-    if not len(found.sums):
+    if found.sums.empty:
         return None
     flown = found.by("aircraft", "cell", "number")
     squares = np.stack([found.by("aircraft", "day", state) for state in STATES])
@@ -350,18 +513,16 @@ def _preferred(fleet: Floats, known: tuple[bool, bool], members: int) -> tuple[s
     """Preferred method by the fleet's variances (draw, method), and the reason; or no method."""
     if not any(known):
         return "", "too few neighbouring aircraft or days, and only one reference"
+    words = "the references' errors"
     if not known[0]:
-        reason = "too few neighbours; an upper bound where the references' errors are correlated"
-        return METHODS[1], reason
+        return METHODS[1], f"too few neighbours; an upper bound where {words} are correlated"
     if not known[1] or len(fleet) == 1:
         reason = "only one reference" if members < 2 else "the references' covariance is not known"
         return METHODS[0], reason
     shared = fleet[:, 1] - fleet[:, 0]
     low, high = interval(shared[1:])
     widths = np.ptp(interval(fleet[1:]), axis=0)
-    estimate = (
-        f"covariance of the references' errors {shared[0]:.2f} ({low:.2f} to {high:.2f}) m2/s2"
-    )
+    estimate = f"covariance of {words} {shared[0]:.2f} ({low:.2f} to {high:.2f}) m2/s2"
     if low <= 0.0 <= high and widths[1] < widths[0]:
         return METHODS[1], f"{estimate}: not significant"
     return METHODS[0], f"{estimate}: the hat attributes it to the reports"
@@ -384,12 +545,9 @@ def _table(cells: Floats, number: Floats) -> Floats:
 def _context(found: Disagreements) -> dict[str, Any]:
     """Counts, rms disagreement, median speed, and the errors that assimilation systems use."""
     bottom, top = (values for _, values in LAYER_PRESSURES.values())
-    by_cell = np.array(
-        [
-            found.by("cell", "aircraft", name).sum(axis=1).reshape(len(PHASE), _LAYERS)
-            for name in ("number", *STATES)
-        ]
-    )
+    names = ("number", *STATES)
+    by_cell = np.array([found.by("cell", "aircraft", name).sum(axis=1) for name in names])
+    by_cell = by_cell.reshape(len(names), len(PHASE), _LAYERS)
     rows = [by_cell.sum(axis=1), *(by_cell[:, PHASE[name]] for name in FLIGHT_PHASES[1:])]
     counted, *squares = np.stack(rows, axis=1)
     speeds = found.speeds.cumsum(axis=-1)

@@ -27,7 +27,6 @@ SUMS = 6  # reports, their sum, clusters; and over clusters of sum S and size n:
 FEWEST_PERMUTED = 5
 """Fewest aircraft for a permutation test: two of four can be chosen in only six ways, so that no p
 value would be below 0.16."""
-_VALUES_AT_ONCE = 1_000_000
 
 
 def day_weights(days: int, *, draws: int, seed: int, length: int | None = None) -> Floats:
@@ -143,14 +142,8 @@ def permutation_test(
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.stack([effects, np.abs(effects / error)])
 
-    rng = np.random.default_rng(seed)
-    parts = [statistics(outcome[np.newaxis])]
-    step = max(_VALUES_AT_ONCE // number, 1)
-    for first in range(0, draws, step):
-        rows = min(step, draws - first)
-        shuffled = rng.permuted(np.tile(outcome - fitted, (rows, 1)), axis=1)
-        parts.append(statistics(fitted + shuffled))
-    effects, t = np.concatenate(parts, axis=1)
+    shuffled = np.random.default_rng(seed).permuted(np.tile(outcome - fitted, (draws, 1)), axis=1)
+    effects, t = statistics(np.vstack([outcome, fitted + shuffled]))
     # draws that change nothing count as large, irrespective of rounding
     p_value = (1.0 + (t[1:] >= t[0] * (1 - 1e-12)).sum()) / (draws + 1.0)
     return float(effects[0]), float(p_value), effects[1:]

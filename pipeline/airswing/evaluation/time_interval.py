@@ -32,9 +32,15 @@ def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[Content]:
     steps = np.diff(catalogue.valid)
     if steps.size <= 3 or np.median(steps) > _HOUR:
         return []
-    chosen = _some(reports, catalogue)
-    if not chosen.sizes["report"]:
+    time = reports["time"].values.astype("M8[ns]")
+    stamp, day = time.astype(np.int64), time.astype("M8[D]").astype(np.int64)
+    # some whole days within the reference's time, evenly spread over it
+    inside = (stamp >= catalogue.valid[0]) & (stamp <= catalogue.valid[-1]) & ~np.isnat(time)
+    rows = np.flatnonzero(inside & np.isin(day, _spread(np.unique(day[inside]), DAYS)))
+    if not rows.size:
         return []
+    rows, names = _spread(rows, REPORTS), ("time", "latitude", "longitude", "pressure")
+    chosen = xr.Dataset({name: ("report", reports[name].values[rows]) for name in names})
     # the times at whole multiples of an interval since midnight UTC
     thinned = {
         f"{hours}": catalogue.at_times(np.flatnonzero(catalogue.valid % (hours * _HOUR) == 0))
@@ -44,14 +50,13 @@ def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[Content]:
     gap = max(_INTERVALS_H) * 3600.0
     winds = collocate(chosen, {"whole": catalogue, **kept}, max_time_gap=gap).compute()
     u, v = (winds[f"reference_{way}ward_wind"].values for way in ("east", "north"))
-    time = chosen["time"].values.astype("M8[ns]").astype(np.int64)
-    rows: list[Content] = []
+    found: list[Content] = []
     for number, name in enumerate(kept, start=1):
         length = np.hypot(u[number] - u[0], v[number] - v[0])
         step = int(name) * _HOUR
-        middle = np.abs(np.mod(time, step) - step // 2) <= _HOUR // 2
+        middle = np.abs(np.mod(stamp[rows], step) - step // 2) <= _HOUR // 2
         known = np.isfinite(length)
-        rows.append(
+        found.append(
             {
                 "interval_h": int(name),
                 "reports": int(known.sum()),
@@ -60,24 +65,11 @@ def interval_cost(reports: xr.Dataset, catalogue: Catalogue) -> list[Content]:
                 "rms_vector_difference_at_middle_m_s": _rms(length[known & middle]),
             }
         )
-    return [row for row in rows if row["reports"]]
+    return [row for row in found if row["reports"]]
 
 
 def _rms(values: NDArray[np.float64]) -> float | None:
     return round(float(np.sqrt(np.mean(values**2))), 4) if values.size else None
-
-
-def _some(reports: xr.Dataset, catalogue: Catalogue) -> xr.Dataset:
-    """Reports of some days within the reference's time, evenly spread over it."""
-    time = reports["time"].values.astype("M8[ns]")
-    stamp = time.astype(np.int64)
-    inside = (stamp >= catalogue.valid[0]) & (stamp <= catalogue.valid[-1]) & ~np.isnat(time)
-    day = time.astype("M8[D]").astype(np.int64)
-    days = np.unique(day[inside])
-    rows = np.flatnonzero(inside & np.isin(day, _spread(days, DAYS)))
-    rows = _spread(rows, REPORTS)
-    names = ["time", "latitude", "longitude", "pressure"]
-    return xr.Dataset({name: ("report", reports[name].values[rows]) for name in names})
 
 
 def _spread(values: NDArray[np.int64], most: int) -> NDArray[np.int64]:

@@ -23,8 +23,7 @@ import numpy as np
 import pandas as pd
 
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import innovations, parts_of
-from airswing.evaluation.innovations import profile_cells
+from airswing.evaluation.innovations import innovations, parts_of, profile_cells
 from airswing.handover.selection import (
     APPLIED,
     Request,

@@ -34,8 +34,7 @@ from airswing.reference.files import (
     skip,
 )
 from airswing.reference.grib.grid_sections import read_grid
-from airswing.reference.grib.header_cache import contents_of
-from airswing.reference.grib.headers import FIELD_DTYPE, FileContents, off_levels
+from airswing.reference.grib.headers import FIELD_DTYPE, FileContents, contents_of, off_levels
 from airswing.reference.grib.values import GribReader, probes_of
 from airswing.reference.gridded.datasets import ENGINES, DatasetReader, engine_of, opened
 from airswing.reference.gridded.fields import Gathering
@@ -107,11 +106,6 @@ class Catalogue:
     def leads(self) -> NDArray[np.int64]:
         """Lead times, s."""
         return self.profiles["lead"].astype(np.int64)
-
-    @property
-    def members(self) -> NDArray[np.int64]:
-        """Numbers of ensemble members."""
-        return self.profiles["member"].astype(np.int64)
 
     def is_isobaric(self, number: int) -> bool:
         """Whether the levels of a model time have one pressure each."""
@@ -230,19 +224,15 @@ def build_catalogue(
         raise InputError("must be skip or fail", field="on_bad_file", found=on_bad_file)
     lead_condition(lead)  # its errors are reported before any file is read
     if engine not in ENGINES:
-        raise InputError(
-            "no such engine",
-            field=f"{where}.engine",
-            found=engine,
-            remedy="Engines are " + ", ".join(ENGINES),
-        )
+        remedy = "Engines are " + ", ".join(ENGINES)
+        raise InputError("no such engine", field=f"{where}.engine", found=engine, remedy=remedy)
     naming = Naming(**naming) if isinstance(naming, Mapping) else naming or Naming()  # type: ignore[arg-type]
     if naming.winds not in (None, "grid", "earth"):
         raise InputError("must be grid or earth", field=f"{where}.winds", found=naming.winds)
     work = _Work(name, naming, lead, member, on_bad_file == "fail", cache_dir)
     if isinstance(files, xr.Dataset):
-        source = SourceFile(f"Dataset {name}", 0, 0, "")
-        work.sources, work.given = [source], {source.path: files}
+        work.sources = [SourceFile(f"Dataset {name}", 0, 0, "")]
+        work.given = {work.sources[0].path: files}
         return work.catalogue(GIVEN)
     if not isinstance(files, str | os.PathLike) and not (
         isinstance(files, Sequence) and all(isinstance(one, str | os.PathLike) for one in files)
@@ -296,9 +286,9 @@ def _engine(sources: Sequence[SourceFile], where: str) -> str:
             found="; ".join(f"{kind}: {path}" for kind, path in sorted(kinds.items())),
             remedy="Give each kind a reference of its own, or narrow the pattern",
         )
-    for kind, path in kinds.items():
-        return engine_of(path) if kind == "netcdf" else kind
-    return "grib"  # damaged content is counted and named by the scanner
+    # damaged content is counted and named by the scanner
+    kind = next(iter(kinds), "grib")
+    return engine_of(kinds[kind]) if kind == "netcdf" else kind
 
 
 def catalogues_of(references: object) -> dict[str, Catalogue]:
@@ -309,15 +299,14 @@ def catalogues_of(references: object) -> dict[str, Catalogue]:
         raise TypeError(f"references are a mapping from names, not a {kind}: {right}")
     if not references:
         raise InputError("no reference given", field="references")
-    found = {}
     for name, one in references.items():
         if not isinstance(one, Catalogue | xr.Dataset):
             kind = type(one).__name__
             raise TypeError(f"reference {name!r} is a {kind}, no catalogue or Dataset: {right}")
-        if isinstance(one, xr.Dataset):
-            one = build_catalogue(one, name=str(name))
-        found[str(name)] = one
-    return found
+    return {
+        str(name): one if isinstance(one, Catalogue) else build_catalogue(one, name=str(name))
+        for name, one in references.items()
+    }
 
 
 @dataclass
@@ -364,19 +353,10 @@ class _Work:
         rows = self._paired(table)
         self.refuse_if_strict()
         bounds = np.append(np.flatnonzero(_changes(rows[0], _PROFILE)), rows[0].size)
+        profiles = rows[0, bounds[:-1]]
         everything = Catalogue(
-            name=self.name,
-            lead=self.lead,
-            files=tuple(self.sources),
-            grids=tuple(grids),
-            profiles=rows[0, bounds[:-1]],
-            bounds=bounds,
-            rows=rows,
-            skipped=self.skipped,
-            notes=self.notes,
-            given=self.given,
-            stored=stored,
-            engine=engine,
+            *(self.name, self.lead, tuple(self.sources), grids, profiles, bounds, rows),
+            *(self.skipped, self.notes, self.given, stored, engine),
         )
         found = self._chosen(everything)
         found.notes += gathered.notes(found.profiles["grid"]) if gathered else notes
@@ -450,13 +430,13 @@ class _Work:
         for (lost, used), fields in sorted(copies.items()):
             one, two = self.sources[lost].path, self.sources[used].path
             time = np.datetime64(int(fields[0]["valid"]), "ns").astype("datetime64[m]")
-            self.notes.append(
+            note = (
                 f"{one} and {two} both hold {len(fields)} field(s) of the same valid time and lead "
                 f"(such as {time}Z, lead {int(fields[0]['lead']) / 3600:g} h): {two} is used, as "
                 "its path sorts last"
-                if lost != used
-                else f"{two} holds {len(fields)} field(s) twice: the later one is used"
             )
+            twice = f"{two} holds {len(fields)} field(s) twice: the later one is used"
+            self.notes.append(note if lost != used else twice)
         return keep
 
     def _paired(self, table: Table) -> Table:
@@ -480,10 +460,10 @@ class _Work:
         leave_out(v[(v >= 0) & (u < 0) & ~other], "level", "v without u")
         without = both & native & (pressure < 0) & ~other
         leave_out(u[without], "level", "hybrid level without a pressure field")
-        off = np.isin(level, np.flatnonzero(other))
-        for component, surface in np.unique(table[off][["kind", "level_kind"]]).tolist():
-            mine = off & (table["kind"] == component) & (table["level_kind"] == surface)
-            leave_out(np.flatnonzero(mine), "wind", off_levels(component, surface))
+        off = np.flatnonzero(np.isin(level, np.flatnonzero(other)))
+        kinds, place = np.unique(table[off][["kind", "level_kind"]], return_inverse=True)
+        for number, (component, surface) in enumerate(kinds.tolist()):
+            leave_out(off[place == number], "wind", off_levels(component, surface))
         both &= ~native | (pressure >= 0)
         # isobaric levels have no pressure field: use any row in its place
         found: Table = table[np.maximum(rows[:, both], 0)]
@@ -526,8 +506,8 @@ class _Work:
             if column == "grid":
                 tied = differs
                 differs = differs & (sizes[order] != sizes[best_of_each])
-            if differs.any():
-                note = f"{differs.sum()} further profile(s) at the same valid time, {choice}"
+            if number := differs.sum():
+                note = f"{number} further profile(s) at the same valid time, {choice}"
                 self.notes.append(note)
         others, equal = [], 1
         for number in np.unique(profiles["grid"][order[tied]]):
@@ -536,35 +516,24 @@ class _Work:
             equal += bool((sizes[chosen] == sizes[best]).all())
             others.append(everything.at_times(chosen))
         if equal > 1:
-            self.notes.append(
-                f"{equal} grids with the same levels: the one that contains more of the reports is "
-                "used"
-            )
+            note = "grids with the same levels: the one that contains more of the reports is used"
+            self.notes.append(f"{equal} {note}")
         return replace(everything.at_times(best), alternatives=tuple(others))
 
     def _no_winds(self, profiles: Table) -> InputError:
-        where, skipped = f"references.{self.name}", self.skipped
+        where, skipped, first = f"references.{self.name}", self.skipped, self.sources[0].path
         if profiles.size:
             members, leads = (np.unique(profiles[key]).tolist() for key in ("member", "lead"))
+            what = f"no wind meets the lead condition {self.lead!r}"
+            found = "leads " + ", ".join(f"{lead / 3600:g} h" for lead in leads)
             if self.member is not None and self.member not in members:
-                return InputError(
-                    f"no wind of ensemble member {self.member}",
-                    field=where,
-                    found="members " + ", ".join(map(str, members)),
-                )
-            return InputError(
-                f"no wind meets the lead condition {self.lead!r}",
-                field=where,
-                found="leads " + ", ".join(f"{lead / 3600:g} h" for lead in leads),
-            )
-        first = self.sources[0].path
+                what = f"no wind of ensemble member {self.member}"
+                found = "members " + ", ".join(map(str, members))
+            return InputError(what, field=where, found=found)
         if {one["reason"] for one in skipped} == {"no whole GRIB message"}:
-            return InputError(
-                "no whole GRIB message in it, and neither NetCDF nor Zarr",
-                file=first,
-                field=where,
-                remedy="It is damaged, still being written, or of a kind that holds no model winds",
-            )
+            what = "no whole GRIB message in it, and neither NetCDF nor Zarr"
+            remedy = "It is damaged, still being written, or of a kind that holds no model winds"
+            return InputError(what, file=first, field=where, remedy=remedy)
         reasons: Counter[str] = Counter()
         for one in skipped:
             reasons[f"{one['what']}: {one['reason']}"] += one["count"]

@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import dask.array as da
@@ -49,8 +48,7 @@ DERIVATIVES = (
 """Names of the optional derivative variables."""
 ACCOUNT = ("unread_messages", "decoded_messages", "decoded_bytes", "decoding_seconds")
 """Names of the counts of reading a reference; the first is part of every result."""
-PROBLEMS = "problems"
-"""Unreadable content by reference: sets of (valid time, file, reason)."""
+PROBLEMS = "problems"  # unreadable content by reference: sets of (valid time, file, reason)
 _LOG = logging.getLogger("airswing.reference")
 
 
@@ -67,11 +65,11 @@ class Points(NamedTuple):
 
 def _points(times: NDArray[np.generic], *places: NDArray[np.generic]) -> Points:
     """Sort times and places of reports (`COLUMNS`) by time."""
-    time = np.asarray(times).astype("datetime64[ns]")
+    time = times.astype("datetime64[ns]")
     known = np.flatnonzero(~np.isnat(time))
     order = known[np.argsort(time[known].astype(np.int64), kind="stable")]
     latitude, longitude, pressure = (
-        np.ascontiguousarray(np.asarray(one)[order], dtype=np.float64) for one in places
+        np.ascontiguousarray(one[order], dtype=np.float64) for one in places
     )
     return Points(order, time[order].astype(np.int64), latitude, longitude, pressure, time.size)
 
@@ -192,16 +190,16 @@ def collocate(
         if model.alternatives:  # one of several grids must be chosen before the tasks are planned
             places = (np.asarray(reports[one].values, dtype=float) for one in COLUMNS[1:3])
             models[name] = model.for_places(*places)
-    size = int(np.prod([reports.sizes[d] for d in reports["time"].dims]))
     options: Any = {"max_time_gap": max_time_gap, "derivatives": derivatives, "sparse": sparse}
     joins = [_joined(points, model, lazy=lazy, **options) for model in models.values()]
 
-    def rows(part: int, number: int | slice, dtype: str, shape: tuple[int, ...] = ()) -> da.Array:
+    def rows(part: int, number: int, dtype: str, shape: tuple[int, ...] = ()) -> da.Array:
         parts = [da.from_delayed(join[part][number], shape, dtype) for join in joins]
         return da.stack(parts)  # type: ignore[no-any-return]
 
+    size = reports["time"].shape
     data: dict[str, object] = {
-        name: (("reference", "report"), rows(0, number, "f8", (size,)))
+        name: (("reference", "report"), rows(0, number, "f8", size))
         for number, name in enumerate([*_WINDS, *(DERIVATIVES if derivatives else ())])
     }
     for number, name in enumerate(ACCOUNT if account else ACCOUNT[:1]):
@@ -210,7 +208,7 @@ def collocate(
     coords = {"reference": ("reference", pd.Index(list(models), dtype=object))}
     found = describe(xr.Dataset(data, coords=coords))
     if account:
-        found[PROBLEMS] = ("reference", rows(2, slice(1), "O", (1,))[:, 0])
+        found[PROBLEMS] = ("reference", rows(2, 0, "O"))
     notes = {name: one.notes for name, one in models.items() if one.given}
     if notes:
         found.attrs["reference_notes"] = json.dumps(notes)
@@ -234,25 +232,25 @@ def _joined(
     sparse: bool,
 ) -> Any:
     """Task that joins the samples of one reference; a task before it for each batch of times."""
-    planned, places_of = _schedule, _places_of
-    if lazy:
-        planned, places_of = delayed(_schedule, pure=False), delayed(_places_of, pure=False)
+    planned, places_of, sample, join = (
+        delayed(one, pure=False) for one in (_schedule, _places_of, _sample, _join)
+    )
+    if not lazy:
+        planned, places_of = _schedule, _places_of
     times = planned(points, catalogue.valid, max_time_gap=max_time_gap, both=derivatives)
     needed = np.arange(len(catalogue)) if lazy else np.flatnonzero(times.stop > times.start)
     given = delayed(_Hidden(catalogue.given), pure=False, traverse=False)
-    sample = delayed(_sample_batch, pure=False)
     batches = catalogue.batches(needed)
     tasks = [
         sample(
             _Hidden([catalogue.model_time(int(number)) for number in batch]),
             places_of(points, times, batch),
-            given if catalogue.given else None,
-            derivatives,
-            sparse,
+            given,
+            derivatives=derivatives,
+            sparse=sparse,
         )
         for batch in batches
     ]
-    join = delayed(_join, pure=False)
     return join(tasks, batches, points, times, catalogue.valid, catalogue.leads, derivatives)
 
 
@@ -261,13 +259,8 @@ def _places_of(points: Points, times: Schedule, batch: Ints) -> list[Places]:
     return [(points.latitude[r], points.longitude[r], points.pressure[r]) for r in runs]
 
 
-def _sample_batch(
-    models: _Hidden, places: list[Places], given: _Hidden | None, derivatives: bool, sparse: bool
-) -> Batch:
-    options: Any = {"derivatives": derivatives, "sparse": sparse}
-    batch = sample_model_times(
-        models.content, places, given=None if given is None else given.content, **options
-    )
+def _sample(models: _Hidden, places: list[Places], given: _Hidden, **options: bool) -> Batch:
+    batch = sample_model_times(models.content, places, given=given.content, **options)
     for file, reason in batch.problems:
         _LOG.warning("%s: %s; its reports get no value", file, reason)
     return batch
@@ -315,7 +308,7 @@ def _join(
     valid: Ints,
     leads: Ints,
     derivatives: bool,
-) -> tuple[Floats, Floats, NDArray[np.object_]]:
+) -> tuple[Floats, Floats, list[NDArray[np.object_]]]:
     """Join samples in time: columns by report, `ACCOUNT`, and unreadable content."""
     first = np.full((9 if derivatives else 2, times.earlier.size), np.nan)
     second = first.copy()
@@ -344,27 +337,7 @@ def _join(
         columns += [*joined[2:8], np.degrees(joined[8])]
     result = np.full((len(columns), points.size), np.nan)
     result[:, points.order] = columns
-    unread = np.empty(1, dtype=object)
-    unread[0] = frozenset(problems)
-    return result, account, unread
-
-
-@dataclass(frozen=True, slots=True)
-class Overlap:
-    """Reports within the times, grid and levels of a reference, and the others by reason."""
-
-    reference: str
-    reports: int
-    matched: int
-    without_time: int  # the first reason that applies
-    outside_grid: int
-    outside_levels: int
-    report_times: tuple[str, str]  # first and last
-    model_span: tuple[str, str]
-    # south, north, west, east, degrees; of the grids' outlines for the model
-    report_box: tuple[float, float, float, float]
-    model_box: tuple[float, float, float, float]
-    model_levels: tuple[float, ...] = ()  # highest and lowest pressure level, hPa
+    return result, account, [np.array(frozenset(problems), dtype=object)]
 
 
 def overlap(
@@ -372,20 +345,24 @@ def overlap(
     catalogues: Mapping[str, Catalogue | xr.Dataset],
     *,
     max_time_gap: float = 10800.0,
-) -> dict[str, Overlap]:
+) -> dict[str, dict[str, Any]]:
     """Count the reports with model winds, without decoding.
 
-    Reports, catalogues and `max_time_gap` (s) as for :func:`collocate`.
+    Reports, catalogues and `max_time_gap` (s) as for :func:`collocate`. Of each reference
+    ``reports``, those ``matched``, and the others by the first reason that applies
+    (``without_time``, ``outside_grid``, ``outside_levels``); first and last time of both
+    (``report_times``, ``model_span``); south, north, west and east of both (``report_box``,
+    ``model_box``, degrees); highest and lowest pressure level (``model_levels``, hPa).
     """
     _require_columns(reports)
     points = _points(*(reports[name].values for name in COLUMNS))
     return {
-        name: _overlap(name, model, points, max_time_gap)
+        name: {"reference": name} | _overlap(model, points, max_time_gap)
         for name, model in catalogues_of(catalogues).items()
     }
 
 
-def _overlap(name: str, model: Catalogue, points: Points, max_time_gap: float) -> Overlap:
+def _overlap(model: Catalogue, points: Points, max_time_gap: float) -> dict[str, Any]:
     latitude, longitude = points.latitude, points.longitude
     model = model.for_places(latitude, longitude)
     times = _schedule(points, model.valid, max_time_gap=max_time_gap)
@@ -398,29 +375,27 @@ def _overlap(name: str, model: Catalogue, points: Points, max_time_gap: float) -
         placed[mine] = grid.contains(latitude[mine], longitude[mine])
         between[mine] = (points.pressure[mine] >= low) & (points.pressure[mine] <= high)
     known = np.isfinite(latitude) & np.isfinite(longitude)
-    box = [
-        float(limit(place[known])) if known.any() else np.nan
-        for place in (latitude, longitude)
-        for limit in (np.min, np.max)
-    ]
     isobaric = np.repeat(model.profiles["level_kind"] == ISOBARIC, np.diff(model.bounds))
     levels = model.rows["level"][0, isobaric] / 100.0
     outlines = np.array([model.grids[int(n)].outline() for n in np.unique(model.profiles["grid"])])
-    low, high = outlines.min(axis=0), outlines.max(axis=0)
+    ends = outlines.min(axis=0)[[0, 2]], outlines.max(axis=0)[[1, 3]]
     matched = int((placed & between).sum())
-    return Overlap(
-        reference=name,
-        reports=points.size,
-        matched=matched,
-        without_time=points.size - int(timed.sum()),
-        outside_grid=int((timed & ~placed).sum()),
-        outside_levels=int(placed.sum()) - matched,
-        report_times=_span(points.time),
-        model_span=_span(model.valid),
-        report_box=tuple(round(x, 2) for x in box),  # type: ignore[arg-type]
-        model_box=tuple(round(float(x), 2) for x in (low[0], high[1], low[2], high[3])),  # type: ignore[arg-type]
-        model_levels=(float(levels.min()), float(levels.max())) if levels.size else (),
-    )
+    return {
+        "reports": points.size,
+        "matched": matched,
+        "without_time": points.size - int(timed.sum()),
+        "outside_grid": int((timed & ~placed).sum()),
+        "outside_levels": int(placed.sum()) - matched,
+        "report_times": _span(points.time),
+        "model_span": _span(model.valid),
+        "report_box": [
+            round(float(limit(place[known])), 2) if known.any() else np.nan
+            for place in (latitude, longitude)
+            for limit in (np.min, np.max)
+        ],
+        "model_box": np.column_stack(ends).ravel().round(2).tolist(),
+        "model_levels": [float(levels.min()), float(levels.max())] if levels.size else [],
+    }
 
 
 def _span(time: Ints) -> tuple[str, str]:
@@ -430,15 +405,14 @@ def _span(time: Ints) -> tuple[str, str]:
     return (f"{ends[0]}Z", f"{ends[1]}Z")
 
 
-def require_overlap(overlaps: Mapping[str, Overlap]) -> None:
+def require_overlap(overlaps: Mapping[str, Mapping[str, Any]]) -> None:
     """Refuse references without winds for any report, stating times, places or levels of both."""
     for name, one in overlaps.items():
-        if one.matched:
+        if one["matched"]:
             continue
-        if one.without_time == one.reports:  # the spans are apart, or the gaps too wide
-            reports, model = one.report_times, one.model_span
-            apart = reports[1] < model[0] or model[1] < reports[0]
-            if apart or not all((*reports, *model)):
+        if one["without_time"] == one["reports"]:  # the spans are apart, or the gaps too wide
+            reports, model = one["report_times"], one["model_span"]
+            if reports[1] < model[0] or model[1] < reports[0] or not all((*reports, *model)):
                 what = "no overlap in time between reports and model winds"
             elif model[0] == model[1]:
                 what = (
@@ -448,21 +422,21 @@ def require_overlap(overlaps: Mapping[str, Overlap]) -> None:
                 what = "no report lies between two model times that are close enough together"
             found = f"reports {' to '.join(reports)}, model {' to '.join(model)}"
             remedy = "Two valid times around a report may be at most max_time_gap apart"
-        elif one.outside_levels == 0:
+        elif one["outside_levels"] == 0:
             what, remedy = "no overlap in space between reports and model winds", ""
-            boxes = (("reports", one.report_box), ("model", one.model_box))
+            box = "{} latitude {:g} to {:g}, longitude {:g} to {:g}".format
             found = ", ".join(
-                f"{whose} latitude {south:g} to {north:g}, longitude {west:g} to {east:g}"
-                for whose, (south, north, west, east) in boxes
+                box(whose, *one[key])
+                for whose, key in (("reports", "report_box"), ("model", "model_box"))
             )
         else:
             what = "no report lies between the model's levels"
-            levels = " to ".join(f"{level:g}" for level in dict.fromkeys(one.model_levels))
+            levels = list(dict.fromkeys(one["model_levels"]))
             found = (
-                f"{one.outside_levels} reports above the highest or below the lowest level "
-                f"({levels} hPa)"
+                f"{one['outside_levels']} reports above the highest or below the lowest level "
+                f"({' to '.join(f'{level:g}' for level in levels)} hPa)"
             )
             remedy = "Winds are interpolated between levels: two are needed"
-            if len(set(one.model_levels)) > 1:
+            if len(levels) > 1:
                 remedy = "Check the unit of the reports' altitude or pressure column, and of levels"
         raise InputError(what, field=f"references.{name}", found=found, remedy=remedy or None)

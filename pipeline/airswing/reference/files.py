@@ -119,14 +119,6 @@ def _status(path: str) -> os.stat_result:
     return os.stat(next((mark for mark in marks if os.path.isfile(mark)), path))
 
 
-def is_same(file: SourceFile) -> bool:
-    """Whether a file has the size and time it was catalogued with; `OSError` if it is gone."""
-    if is_url(file.path):
-        return True
-    status = _status(file.path)
-    return (status.st_size, status.st_mtime_ns) == (file.size, file.mtime_ns)
-
-
 class Reader:
     """Counts of reading, and files that are opened if unchanged since they were catalogued."""
 
@@ -141,7 +133,8 @@ class Reader:
         if file not in self._opened:
             self._opened[file] = None
             try:
-                if is_same(file):
+                status = None if is_url(file.path) else _status(file.path)
+                if status is None or (status.st_size, status.st_mtime_ns) == file[1:3]:
                     self._opened[file] = opener(file)
                 else:
                     self.problems[file.path, REPLACED] = None
@@ -163,16 +156,16 @@ def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list
     found: set[str] = set()
     for pattern in (os.path.expanduser(os.fspath(one)) for one in patterns):
         if is_url(pattern):
-            found.update(_urls(pattern))
-            continue
-        # an existing path is taken literally, even if its name contains brackets
-        matches = [pattern] if os.path.exists(pattern) else glob.glob(pattern, recursive=True)
-        # a broken link is a missing file: opening it fails and names it
-        usable = [
-            os.path.abspath(path)
-            for path in matches
-            if os.path.isfile(path) or _is_zarr(path) or not os.path.exists(path)
-        ]
+            usable = _urls(pattern)
+        else:
+            # an existing path is taken literally, even if its name contains brackets
+            matches = [pattern] if os.path.exists(pattern) else glob.glob(pattern, recursive=True)
+            # a broken link is a missing file: opening it fails and names it
+            usable = [
+                os.path.abspath(path)
+                for path in matches
+                if os.path.isfile(path) or _is_zarr(path) or not os.path.exists(path)
+            ]
         if not usable:
             raise none_found(pattern, f"references.{name}.files")
         found.update(usable)
@@ -188,25 +181,19 @@ def _urls(pattern: str) -> list[str]:
         import fsspec
 
         system, path = fsspec.core.url_to_fs(pattern)
-        found = [system.unstrip_protocol(one) for one in system.glob(path)]
+        return [system.unstrip_protocol(one) for one in system.glob(path)]
     except Exception as error:  # fsspec and its protocols raise many kinds
         raise _unreachable(pattern, error) from error
-    if not found:
-        raise none_found(pattern, "references")
-    return found
 
 
 def _unreachable(url: str, error: Exception) -> InputError:
-    protocol = url.split("://")[0]
-    package = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "https": "aiohttp requests"}
-    return InputError(
-        "cannot be opened",
-        file=url,
-        found=f"{type(error).__name__}: {error}",
-        remedy=f"Reading {protocol}:// needs: pip install fsspec {package.get(protocol, '')}"
-        if isinstance(error, ImportError)
-        else "Check the address",
-    )
+    protocol, remedy = url.split("://")[0], "Check the address"
+    if isinstance(error, ImportError):
+        package = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "https": "aiohttp requests"}
+        needed = package.get(protocol, "")
+        remedy = f"Reading {protocol}:// needs: pip install fsspec {needed}"
+    found = f"{type(error).__name__}: {error}"
+    return InputError("cannot be opened", file=url, found=found, remedy=remedy)
 
 
 def identify(path: str) -> SourceFile:
@@ -273,11 +260,8 @@ def unreadable(path: str, content: bytes, *, reports: bool = True) -> InputError
     if reports:
         return None
     if _ICARTT.match(start):
-        return InputError(
-            "is ICARTT, measurements of an aircraft",
-            file=path,
-            remedy="Model winds come as GRIB, NetCDF or Zarr; measurements go under reports",
-        )
+        remedy = "Model winds come as GRIB, NetCDF or Zarr; measurements go under reports"
+        return InputError("is ICARTT, measurements of an aircraft", file=path, remedy=remedy)
     if start and start.isascii() and b"\0" not in start and b"grib" not in start:
         return InputError("is text, not model data", file=path, remedy="Give GRIB, NetCDF or Zarr")
     return None
@@ -337,9 +321,9 @@ def local_path(path: str) -> LocalPath:
     The copy exists as long as the returned object does.
     """
     size = mtime_ns = 0
+    if os.path.isdir(path):
+        return LocalPath(path)
     if not is_url(path):
-        if os.path.isdir(path):
-            return LocalPath(path)
         with open(path, "rb") as file:
             start, status = file.read(8), os.fstat(file.fileno())
         if _opener(start) is None:
@@ -367,8 +351,7 @@ def _copy(path: str, size: int, mtime_ns: int) -> IO[bytes]:
                 shutil.copyfileobj(content, plain, 1 << 20)
             copy = plain
     except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
-        raise InputError(
-            "cannot be decompressed", file=path, found=error, remedy="Fetch the file again"
-        ) from error
+        remedy = "Fetch the file again"
+        raise InputError("cannot be decompressed", file=path, found=error, remedy=remedy) from error
     copy.flush()
     return copy

@@ -69,24 +69,21 @@ def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
     """
     data = _gathered([reports] if isinstance(reports, xr.Dataset) else reports)
     axes = _nodes(data[[*_PLACE]].to_numpy().T)
-    values = _field(data, axes)
     lat, lon, log_p, second = axes
-    grids = [one.reshape([axis.size for axis in axes]).transpose(3, 2, 0, 1) for one in values]
-    dims = ("time", "pressure", "latitude", "longitude")
     level = {"units": "Pa", "standard_name": "air_pressure", "positive": "down"}
-    return xr.Dataset(
-        {
-            name: (dims, grid.astype(np.float32), {"units": "m s-1", "standard_name": name})
-            for name, grid in zip(_WIND, grids, strict=True)
-        },
-        coords={
-            "time": ("time", (second * 1e9).astype("datetime64[ns]"), {"standard_name": "time"}),
-            "pressure": ("pressure", np.exp(log_p), level),
-            "latitude": ("latitude", lat, {"units": "degrees_north"}),
-            "longitude": ("longitude", lon, {"units": "degrees_east"}),
-        },
-        attrs={"Conventions": "CF-1.11", "title": "Wind field of the fleet's own reports"},
-    )
+    coords = {
+        "time": ("time", (second * 1e9).astype("datetime64[ns]"), {"standard_name": "time"}),
+        "pressure": ("pressure", np.exp(log_p), level),
+        "latitude": ("latitude", lat, {"units": "degrees_north"}),
+        "longitude": ("longitude", lon, {"units": "degrees_east"}),
+    }
+    attrs = {"Conventions": "CF-1.11", "title": "Wind field of the fleet's own reports"}
+    found = xr.Dataset(coords=coords, attrs=attrs)
+    for name, values in zip(_WIND, _field(data, axes), strict=True):
+        grid = values.reshape([axis.size for axis in axes]).transpose(3, 2, 0, 1)
+        attrs = {"units": "m s-1", "standard_name": name}
+        found[name] = tuple(coords), grid.astype(np.float32), attrs
+    return found
 
 
 def _gathered(blocks: Iterable[xr.Dataset]) -> pd.DataFrame:

@@ -105,9 +105,8 @@ class Frame:
         east = wrap_degrees(longitude[known])  # PROJ refuses longitudes beyond 573 degrees
         plane[:, known] = _proj(self.proj)(east, latitude[known])
         plane[~np.isfinite(plane)] = np.nan
-        if self.kind == "rotated":
-            plane = np.degrees(plane)
-        return plane[0], plane[1]
+        x, y = np.degrees(plane) if self.kind == "rotated" else plane
+        return x, y
 
     def places(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Latitudes and longitudes (degrees) of coordinates: the inverse of :meth:`xy`."""
@@ -125,8 +124,7 @@ class Frame:
         """
         if self.north_up:
             return np.zeros_like(latitude)
-        cone = _cone(self.proj) if self.kind == "projected" else None
-        if cone is not None:
+        if cone := _cone(self.proj) if self.kind == "projected" else None:
             return np.asarray(cone[0] * np.radians(wrap_degrees(longitude - cone[1])))
         return self._numeric_convergence(latitude, longitude)
 
@@ -149,12 +147,13 @@ def _cone(proj: str) -> tuple[float, float] | None:
     There the convergence is the cone constant times the longitude from the central meridian
     (Snyder 1987, equation 14-4; 1 for polar stereographic projections).
     """
-    found = {key: value for key, _, value in (w.partition("=") for w in proj.split())}
-    kind, centre = found.get("+proj", found.get("proj")), found.get("+lat_0", found.get("lat_0"))
-    if kind != "lcc" and not (kind == "stere" and abs(float(centre or 0.0)) == 90.0):
+    words = (word.removeprefix("+").partition("=") for word in proj.split())
+    found = {key: value for key, _, value in words}
+    kind, centre = found.get("proj"), float(found.get("lat_0", "0"))
+    if kind != "lcc" and not (kind == "stere" and abs(centre) == 90.0):
         return None
-    meridian = float(found.get("+lon_0", found.get("lon_0", "0")))
-    latitude = np.array([-45.0 if centre is not None and float(centre) < 0.0 else 45.0])
+    meridian = float(found.get("lon_0", "0"))
+    latitude = np.array([-45.0 if centre < 0.0 else 45.0])
     quarter = Frame("projected", proj)._numeric_convergence(latitude, np.array([meridian + 90.0]))
     return float(quarter[0]) / (np.pi / 2.0), meridian
 
@@ -240,10 +239,7 @@ class Grid(ABC):
 
     @abstractmethod
     def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
-        """Angle (n,) in rad that turns grid components to true east and north.
-
-        ``u_e = cos(a) u_g + sin(a) v_g``, ``v_e = -sin(a) u_g + cos(a) v_g``.
-        """
+        """Angle (n,) in rad that turns grid components to true ones: see `Frame.convergence`."""
 
     @abstractmethod
     def outline(self) -> tuple[float, float, float, float]:
@@ -258,12 +254,13 @@ class Grid(ABC):
     def fractional_index(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
         """Fractional indices (n,) along x and y of places in degrees; NaN outside the grid."""
         fi, fj = self.plane(as_floats(latitude), as_floats(longitude))
-        tolerance = EDGE_TOLERANCE
         with np.errstate(invalid="ignore"):
-            inside = (fj >= -tolerance) & (fj <= self.nj - 1 + tolerance)
-            if not self.periodic:
-                inside &= (fi >= -tolerance) & (fi <= self.ni - 1 + tolerance)
-        fi = np.mod(fi, self.ni) if self.periodic else np.clip(fi, 0.0, self.ni - 1.0)
+            inside = (fj >= -EDGE_TOLERANCE) & (fj <= self.nj - 1 + EDGE_TOLERANCE)
+            if self.periodic:
+                fi = np.mod(fi, self.ni)
+            else:
+                inside &= (fi >= -EDGE_TOLERANCE) & (fi <= self.ni - 1 + EDGE_TOLERANCE)
+                fi = np.clip(fi, 0.0, self.ni - 1.0)
         fj = np.clip(fj, 0.0, self.nj - 1.0)
         return np.where(inside, fi, np.nan), np.where(inside, fj, np.nan)
 
@@ -323,12 +320,9 @@ class AxesGrid(Grid):
 
     def outline(self) -> tuple[float, float, float, float]:
         """South, north, west and east of the grid points, degrees."""
-        some = [
-            axis[np.linspace(0, axis.size - 1, _OUTLINE_POINTS).astype(int)]
-            for axis in (self.x, self.y)
-        ]
-        x, y = (lattice.ravel() for lattice in np.meshgrid(*some))
-        return _box(*self.frame.places(x, y))
+        ends = (np.linspace(0, n - 1, _OUTLINE_POINTS).astype(int) for n in (self.ni, self.nj))
+        x, y = np.meshgrid(*(axis[some] for axis, some in zip((self.x, self.y), ends, strict=True)))
+        return _box(*self.frame.places(x.ravel(), y.ravel()))
 
     def position(self, i: Ints, j: Ints) -> Ints:
         """Place of the point (i, j) in the stored list of values."""
@@ -402,16 +396,14 @@ class PointsGrid(Grid):
         j, i = np.divmod(nearest, self.ni)
         i, j = np.clip(i, 0, self.ni - 2), np.clip(j, 0, self.nj - 2)
         for _ in range(_NEIGHBOUR_STEPS):
-            s, t = self._in_cell(i, j, target)
             over_i, over_j = (
                 np.clip(np.floor(np.nan_to_num(part, posinf=0.0)), -3, 3).astype(np.int64)
-                for part in (s, t)
+                for part in self._in_cell(i, j, target)
             )
-            next_i = np.clip(i + over_i, 0, self.ni - 2)
-            next_j = np.clip(j + over_j, 0, self.nj - 2)
-            if np.array_equal(next_i, i) and np.array_equal(next_j, j):
+            before = i, j
+            i, j = np.clip(i + over_i, 0, self.ni - 2), np.clip(j + over_j, 0, self.nj - 2)
+            if np.array_equal((i, j), before):
                 break
-            i, j = next_i, next_j
         s, t = self._in_cell(i, j, target)
         fi[known], fj[known] = i + s, j + t
         return fi, fj
@@ -441,8 +433,8 @@ class PointsGrid(Grid):
 
     def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
         """Angle (n,) in rad that turns grid components to true east and north."""
-        fi, fj = self.plane(as_floats(latitude), as_floats(longitude))
-        fi, fj = np.nan_to_num(fi, posinf=0.0), np.nan_to_num(fj, posinf=0.0)
+        place = self.plane(as_floats(latitude), as_floats(longitude))
+        fi, fj = np.nan_to_num(place, posinf=0.0)
         i = np.clip(np.floor(fi), 0, self.ni - 2).astype(np.int64)
         j = np.clip(np.floor(fj), 0, self.nj - 2).astype(np.int64)
         s, t, z = fi - i, fj - j, self._directions

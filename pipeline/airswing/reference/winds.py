@@ -29,10 +29,8 @@ Winds = Generator[Request, list[Floats], Floats]
 
 U, V, PRESSURE, SURFACE = 0, 1, 2, 3
 """Kinds of field; SURFACE is the surface pressure of hybrid levels."""
-ISOBARIC, HYBRID = 0, 1
-"""Kinds of level; further ones are GRIB level types."""
-GIVEN = "given"
-"""Engine of Datasets given in Python."""
+ISOBARIC, HYBRID = 0, 1  # kinds of level; further ones are GRIB level types
+GIVEN = "given"  # engine of Datasets given in Python
 MAX_WIND = 150.0  # m/s; the fastest jet streams measured reach 110 to 120 m/s
 MAX_PRESSURE = 120_000.0  # Pa
 _METRIC_STEP = 1e-3  # degrees, half the step of the differences that give the grid's metric
@@ -52,7 +50,7 @@ class StoredField(NamedTuple):
     y: str  # dimensions of rows and columns
     x: str
     shape: tuple[int, ...]
-    chunks: tuple[tuple[int, ...], ...]  # start of every chunk along each dimension, and the end
+    chunks: tuple[int, ...]  # length of a chunk along each outer dimension
     scale: float = 1.0  # to SI units
     # "x" or "y": points lie half a grid length before the grid's along this axis, and one more
     # follows the last: the mean of two neighbours counts
@@ -66,11 +64,12 @@ class StoredField(NamedTuple):
         return {dim: np.asarray(one) for (dim, _), one in zip(self.outer, found, strict=True)}
 
     def chunk_numbers(self, index: NDArray[np.integer]) -> Ints:
-        """Numbers of the chunks that hold rows' `index`."""
+        """Numbers of the chunks that hold rows' `index`; rows and columns count as one chunk."""
         number = np.zeros(np.shape(index), dtype=np.int64)
-        for dim, place in self.places(index).items():
-            starts = self.chunks[self.dims.index(dim)]
-            number = number * len(starts) + np.searchsorted(starts, place, side="right")
+        for (_, size), step, place in zip(
+            self.outer, self.chunks, self.places(index).values(), strict=True
+        ):
+            number = number * size + place // step
         return number
 
 
@@ -123,9 +122,9 @@ class Corners(NamedTuple):
 
 
 def corners(grid: Grid, fi: Floats, fj: Floats) -> Corners:
-    """Corner points and place in the cell of fractional indices inside the grid (no NaN).
+    """Corner points of the cells of fractional indices inside the grid (no NaN).
 
-    Points (4, n) are places of (i, j), (i+1, j), (i, j+1), (i+1, j+1) in the stored values.
+    (i, j), (i+1, j), (i, j+1), (i+1, j+1), as places in the stored values.
     """
     i = np.floor(fi).astype(np.int64)
     if not grid.periodic:
@@ -151,29 +150,21 @@ def _weighted(values: Floats, weights: Sequence[Floats]) -> Floats:
 
 
 class Brackets(NamedTuple):
-    """Level above (k) and weight of the level below (k + 1) of each report.
+    """Levels around each report."""
 
-    `inside`: the report lies between levels; `upper`, `lower`: ln p of both levels.
-    """
-
-    k: Ints
-    weight: Floats
-    inside: NDArray[np.bool_]
-    upper: Floats
+    k: Ints  # level above
+    weight: Floats  # of the level below, k + 1
+    inside: NDArray[np.bool_]  # whether the report lies between levels
+    upper: Floats  # ln p of both levels
     lower: Floats
 
 
 def level_brackets(levels: Floats, pressure: Floats, *, both: bool = False) -> Brackets:
     """Levels around each report and the weight of the lower one, linear in ln p.
 
-    Parameters
-    ----------
-    levels : (level,) or (level, n) float array, Pa
-        Increasing along the first axis.
-    pressure : (n,) float array, Pa
-    both : bool
-        Always name two levels (derivatives need them), also on a level; else `weight` is 0 on
-        level `k` itself, and `k + 1` is not needed.
+    Levels (level,) or (level, n) increase along the first axis; pressures (n,), Pa. With `both`
+    two levels are named (derivatives need them) also on a level; else `weight` is 0 on level `k`
+    itself, and `k + 1` is not needed.
     """
     count = levels.shape[0]
     if levels.ndim == 1:
@@ -206,8 +197,7 @@ def winds_at(
         u and v in m/s, true east and north; with `derivatives` also those of both by ln p (m/s),
         eastward and northward (1/s), and the grid's convergence (rad).
     """
-    table = np.full((9 if derivatives else 2, latitude.size), np.nan)
-    grids, native = model.grids, len(model.rows) > 2
+    table, grids = np.full((9 if derivatives else 2, latitude.size), np.nan), model.grids
     one_grid = all(grid.key == grids[0].key for grid in grids)
     indices = [g.fractional_index(latitude, longitude) for g in (grids[:1] if one_grid else grids)]
     inside = np.isfinite(pressure)
@@ -220,7 +210,7 @@ def winds_at(
     cells = found * 2 if one_grid else found
     at, nodes = pressure[place], [cell.points for cell in cells[:2]]
     descending = False
-    if native:
+    if len(model.rows) > 2:
         if one_grid:  # four columns a report, each with other levels
             at, nodes = np.tile(at, 4), [cells[0].points.reshape(1, -1)] * 2
             levels = np.stack((yield [(row, nodes[0][0]) for row in model.rows[2]]))

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +72,7 @@ def make_headings(job: Job) -> xr.Dataset:
         for most in (_CHECKED_FIRST, archive.count):
             gap = config.collocation.max_time_gap
             overlaps = overlap(archive.places(most), models, max_time_gap=gap)
-            if all(one.matched for one in overlaps.values()):
+            if all(one["matched"] for one in overlaps.values()):
                 break
         else:
             require_overlap(overlaps)
@@ -403,14 +402,14 @@ class _Month:
             stage.messages = int(winds["decoded_messages"].sum())
             stage.bytes_read = int(winds["decoded_bytes"].sum())
             stage.decoding = float(winds["decoding_seconds"].sum())
-            stage.reports = max(one.matched for one in overlaps.values())
-            matched = ", ".join(f"{name} {one.matched:,}" for name, one in overlaps.items())
+            stage.reports = max(one["matched"] for one in overlaps.values())
+            matched = ", ".join(f"{name} {one['matched']:,}" for name, one in overlaps.items())
             stage.note = f"reports within the model: {matched}"
         problems = dict(zip(models, winds[PROBLEMS].to_numpy(), strict=True))
         met = (problem for found in problems.values() for problem in found)
         self.lost = len({file for _, file, why in met if is_lost_file(why)})
         audits = {
-            name: asdict(overlaps[name])
+            name: overlaps[name]
             | {"notes": model.notes, "skipped": model.skipped}
             | {"unread_messages": len(problems[name]), "unread": unread(problems[name])}
             for name, model in models.items()

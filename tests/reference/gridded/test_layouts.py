@@ -367,7 +367,9 @@ def test_the_member_asked_for(name):
     ds = ds.assign_coords({name: [4, 7, 9]}).transpose("time", name, ...)
     check(ds, member=7)
     model = airswing.build_catalogue(ds, name="m")
-    assert set(model.members) == {4} and "several ensemble members" in " ".join(model.notes)
+    assert set(model.profiles["member"]) == {4} and "several ensemble members" in " ".join(
+        model.notes
+    )
     with pytest.raises(InputError, match="no wind of ensemble member 5"):
         airswing.build_catalogue(ds, name="m", member=5)
 

@@ -1,32 +1,21 @@
 """From the fits of single aircraft to the published fits: the fleet, choice of cycles, status.
 
-Works on the sums of each aircraft, not on reports. Without the shared error of the reference,
-biases are pooled over the fleet (`airswing.compass.fit.pooling`) and errors are clustered by
-flight, enlarged where days scatter more. With it, the whole fleet is solved together
-(`airswing.compass.fleet.solution`) and errors are clustered by day. Where headings or flights do
-not allow a curve only the constant is published: A, the other coefficients zero with the variance
-of cycles as large as the fleet's, without amplitude. Coefficients are NaN where nothing is
-published. They are taken as normally distributed; errors of functions of them are to first order
+Works on the sums of each aircraft. Without the shared error of the reference, biases are pooled
+over the fleet (`airswing.compass.fit.pooling`) and errors are clustered by flight, enlarged where
+days scatter more. With it, the whole fleet is solved together (`airswing.compass.fleet.solution`)
+and errors are clustered by day. Where headings or flights do not allow a curve only the constant is
+published: A, the other coefficients zero with the variance of cycles as large as the fleet's.
+Coefficients are taken as normally distributed; errors of functions of them are to first order
 (delta method), except near zero amplitude the error of the phase, which follows the arc sine.
 
-Held-out days
--------------
-The days of an aircraft are divided into `FOLDS` parts (its flights, where there are fewer than five
-days). Without the reports of one part the coefficients are, to first order, the published ones
-minus the sum of the influences of the part's flights, enlarged by the weight of the others; the
-influences are those of the aircraft's single fit, scaled to the published covariance. The squared
-vector disagreement with the reference is a quadratic function of the coefficients, whose sums by
-part the fit has kept. The bias of the reference at the published coefficients is removed before and
-after the correction, but at most `MAX_BIAS` of it.
-
-* A mean difference from every reference above `IMPLAUSIBLE`, too large for an error of a model:
-  ``implausible_reports``.
-* A curve that is zero within its error (Wald's statistic below the 95 % quantile of chi-square):
-  ``no_correction_needed``.
-* Otherwise the mean improvement must be above zero: ``no_improvement`` where it is not. Under the
-  model of the fit the improvement is about Wald's statistic less twice its degrees of freedom, so
-  that where a curve passes the first test and does not improve held-out days, the model of the fit
-  does not describe the reports.
+*Held-out days.* The days of an aircraft are divided into `FOLDS` parts (its flights, where there
+are fewer than five days). Without the reports of one part the coefficients are, to first order, the
+published ones minus the sum of the influences of the part's flights, scaled to the published
+covariance and enlarged by the weight of the others. The squared vector disagreement with the
+reference is a quadratic function of the coefficients, whose sums by part the fit has kept. The bias
+of the reference is removed before and after the correction, but at most `MAX_BIAS` of it. Under the
+model of the fit the improvement is about Wald's statistic less twice its degrees of freedom: where
+a significant curve does not improve held-out days, the model does not describe the reports.
 
 References
 ----------
@@ -61,8 +50,7 @@ from airswing.vocabulary import lookup
 MAX_CONDITION = 12.0
 """Condition number of the heading design, 1 for evenly spread headings: above it two cycles become
 one, and one becomes an offset."""
-MAX_STANDARD_ERROR = 1.5
-"""Degrees: largest standard error of A, B and C of a published fit."""
+MAX_STANDARD_ERROR = 1.5  # degrees: largest standard error of A, B and C of a published fit
 HALVES_RMS, HALVES_CHI2 = 1.0, 25.0
 """The compass changed where the curves of both halves of the period differ by more than this, in
 degrees rms and in Wald's statistic on three degrees of freedom (probability 1.5e-5)."""
@@ -71,8 +59,7 @@ LEAST_REPORTS = 500
 MAX_BIAS = 1.5
 """m s-1: largest mean difference of an aircraft's winds from a reference that is removed as the
 bias of the reference: twice that of the worked example of the joint fit, 0.8 m s-1."""
-SIGNIFICANCE = 0.05
-"""Probability that an aircraft without deviation is found to have one."""
+SIGNIFICANCE = 0.05  # probability that an aircraft without deviation is found to have one
 IMPLAUSIBLE = 5.0
 """m s-1: mean vector difference from a reference, deviation removed, that is an error of the
 reports: more than three times `MAX_BIAS`, and twice the rms of a component of Mode-S and AMDAR
@@ -161,6 +148,11 @@ _PUBLISHED = {
     )
 }
 """Variables of the fit against one reference; their last dimensions are those of the table."""
+_COPIED = {
+    **{"report_count": "reports", "flight_count": "flights", "compass_points": "compass_points"},
+    **{"status": "status", "mean_horizontal_field": "field"},
+}
+"""Variables of the fit, and the attribute of `AircraftSums` that each holds."""
 _SIZES = {"coefficient": COMPASS, "coefficient_2": COMPASS, "fold": FOLDS, "component": 2}
 
 
@@ -175,14 +167,12 @@ def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
     for name, entry in _PUBLISHED.items():
         shape = [sizes[dim] for dim in entry.dims[1:]]
         table[name] = np.full(shape, 0 if entry.dtype.startswith("i") else np.nan)
-    for k, one in enumerate(aircraft):
-        table["report_count"][k], table["flight_count"][k] = one.reports, one.flights
-        table["compass_points"][k], table["status"][k] = one.compass_points, one.status
-        table["mean_horizontal_field"][k] = one.field
-        if one.fit is not None:
-            table["condition_number"][k] = condition_number(one.fit.normal, one.fit.cycles)
+    for name, attribute in _COPIED.items():
+        table[name][:] = [getattr(one, attribute) for one in aircraft]
     table["shared_error_regions"][...] = 1
     fitted = {k: one.fit for k, one in enumerate(aircraft) if one.fit is not None}
+    for k, fit in fitted.items():
+        table["condition_number"][k] = condition_number(fit.normal, fit.cycles)
     ok = STATUS["ok"]
     _publish_curves(table, {k: f for k, f in fitted.items() if aircraft[k].status == ok}, options)
     usable = published(table["status"])
@@ -278,17 +268,14 @@ def _with_field(fits: list[AircraftFit], options: Options) -> _Estimate:
 
 def _without_field(fits: list[AircraftFit], ratio: Array, options: Options) -> _Estimate:
     """Fit aircraft by aircraft, with the references' bias pooled over the fleet."""
-    cycles, kept, added = [], [], []
+    choices, kept = [], []
     for fit in fits:
         square = enlarged(fit.covariance, ratio)
-        number, to_one, extra = _choice(fit, fit.theta, square, fit.free, fit.normal, options)
-        if number < fit.cycles:
-            fit = replace(
-                fit, theta=to_one @ fit.theta, flight=fit.flight @ to_one.T, day=fit.day @ to_one.T
-            )
-        cycles.append(number)
-        kept.append(fit)
-        added.append(extra)
+        choices.append(_choice(fit, fit.theta, square, fit.free, fit.normal, options))
+        keep = choices[-1][1]  # the identity if no cycle is dropped
+        flight, day = fit.flight @ keep.T, fit.day @ keep.T
+        kept.append(replace(fit, theta=keep @ fit.theta, flight=flight, day=day))
+    cycles, _, added = zip(*choices, strict=True)
     fleet = pool(kept, joint=options.joint)
     widen = np.array([t_inflation(fit.freedom) for fit in fits])
     covariance = (fleet.covariance + np.array(added)) * widen[:, :, None] * widen[:, None]
@@ -298,14 +285,12 @@ def _without_field(fits: list[AircraftFit], ratio: Array, options: Options) -> _
             for fit, theta, square in zip(kept, fleet.theta, fleet.covariance, strict=True)
         ]
     )
-    return _Estimate(fleet.theta, covariance, cycles, without, fleet.bias, fleet.bias_covariance)
+    found = fleet.theta, covariance, list(cycles), without, fleet.bias, fleet.bias_covariance
+    return _Estimate(*found)
 
 
 def _without_days(fit: AircraftFit, covariance: Array) -> Array:
-    """Change of A to E (FOLDS, 5) without each part of the days, from the influences of the days.
-
-    Influences are scaled to the published covariance, which includes information from the fleet.
-    """
+    """Change of A to E (FOLDS, 5) without each part of the days, from their influences."""
     used = np.flatnonzero(np.diagonal(fit.day_covariance)[:COMPASS])
     influence = fit.day[:, used] @ _matched(fit.covariance, covariance, used)
     part = fit.day_number % FOLDS
@@ -328,12 +313,7 @@ def _enlargement(weight: NDArray[Any]) -> Array:
 
 
 def _choice(
-    fit: AircraftFit,
-    theta: Array,
-    covariance: Array,
-    free: Index,
-    normal: Array,
-    options: Options,
+    fit: AircraftFit, theta: Array, covariance: Array, free: Index, normal: Array, options: Options
 ) -> tuple[int, Array, Array]:
     """Number of cycles, the matrix that maps to the estimate with it, and the covariance to add."""
     keep, added = np.eye(theta.size), np.zeros_like(covariance)

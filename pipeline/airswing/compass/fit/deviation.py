@@ -55,8 +55,7 @@ _PER_REPORT = (
 _PER_REFERENCE = ("heading_error", "airspeed_error", "heading_error_standard_error")
 FITTED_FROM = (*_PER_REPORT, *_PER_REFERENCE, "row_size", "horizontal_field")
 """Variables a fit reads; the last one is optional."""
-BATCH_REPORTS = 500_000
-"""Most reports of a batch of aircraft, unless a single aircraft has more."""
+BATCH_REPORTS = 500_000  # most reports of a batch of aircraft, unless a single aircraft has more
 
 
 def fit_deviation(
@@ -148,10 +147,7 @@ def sum_aircraft(
             kwargs={"names": names, "groups": list(groups.values()), "options": asked},
             dask="parallelized",
             output_dtypes=[object],
-            dask_gufunc_kwargs={
-                "output_sizes": {"reference": len(groups)},
-                "allow_rechunk": True,
-            },
+            dask_gufunc_kwargs={"output_sizes": {"reference": len(groups)}, "allow_rechunk": True},
         )
         for batch in aircraft_batches(read, BATCH_REPORTS)
     ]

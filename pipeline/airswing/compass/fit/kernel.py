@@ -52,12 +52,9 @@ LARGEST_STEP = 0.3
 """Clustered standard errors below which a step ends the iteration: a Newton step with robust
 weights leaves 2 to 3 % of its length, here a hundredth of the standard error."""
 MOST_STEPS = 40  # five to ten are usual
-ENOUGH = 2e-6
-"""Radians: a step as small as this ends the iteration for any standard error."""
-FOLDS = 10
-"""Parts of the days that are held out in turn."""
-MANY = 150
-"""Least number of clusters for which one common factor accounts for the leverage."""
+ENOUGH = 2e-6  # radians: a step as small as this ends the iteration for any standard error
+FOLDS = 10  # parts of the days that are held out in turn
+MANY = 150  # least number of clusters for which one common factor accounts for the leverage
 
 
 @dataclass(frozen=True)

@@ -5,23 +5,19 @@ part of the aircraft (its network's region, levels and hours), normal with varia
 component. tau is averaged over its restricted likelihood with a flat prior, which does not collapse
 to zero in a small fleet. The second pass is closed-form on the first one's normal equations:
 theta + Cov(theta, b) (Cov(b) + tau^2)^-1 (mu - b), so that a smaller error of b reduces those of B
-and C. Flights are independent except that those of a day share the model's error. Both sandwiches
-use every aircraft's influence on the final estimate (mu included); the one by flight is enlarged by
-the fleet's mean ratio of day to flight variance, parameter by parameter, where that exceeds one,
+and C. Both sandwiches use every aircraft's influence on the final estimate (mu included); the one
+by flight is enlarged by the fleet's mean ratio of day to flight variance, parameter by parameter,
 because a single aircraft's days are too few to estimate it.
 
 *One constant* for an aircraft whose headings or flights do not allow a curve: psi_err = A over the
 headings flown. The reference's bias enters as (b_u cos psi - b_v sin psi) / V and cannot be
 separated from A on one heading. It comes from the aircraft with curves where there are two or more,
-else from the along-track errors of the aircraft without, which do not depend on the compass. Its
-scatter between aircraft widens the interval; from along-track errors that scatter includes the
-airspeed errors, so that the interval is wider than necessary. The covariance of A to E is that of a
-curve whose cycles are as large as the fleet's (`USUAL_CYCLE` where there are fewer than
-`FEWEST_CURVES` curves) and whose mean over the headings flown is the constant: at these headings it
-adds nothing, at others it is the amplitude itself. Fewer than `MIN_FLIGHTS` flights are too few to
-estimate the reference's error of a flight: their clusters are stretches of `STRETCH`, and the error
-of a flight is that of the along-track errors of all such aircraft, `FEWEST_AIRCRAFT` of them or
-more.
+else from the along-track errors of the aircraft without, which do not depend on the compass; their
+scatter between aircraft includes the airspeed errors, so that the interval is wider than necessary.
+The covariance of A to E is that of a curve whose cycles are as large as the fleet's and whose mean
+over the headings flown is the constant. Fewer than `MIN_FLIGHTS` flights are too few to estimate
+the reference's error of a flight: their clusters are stretches of `STRETCH`, and the error of a
+flight is that of the along-track errors of `FEWEST_AIRCRAFT` such aircraft or more.
 
 Radians and m/s.
 
@@ -45,12 +41,9 @@ TAU_GRID = np.linspace(0.0, 3.0, 61)
 """m/s: scatter of the reference bias between aircraft over which the likelihood is averaged."""
 FIRST_BIAS = COMPASS + 1
 _BIASES, _CYCLES = slice(FIRST_BIAS, None), slice(1, COMPASS)  # in theta
-MIN_FLIGHTS = 5
-"""Number of flights below which the clusters are stretches within flights."""
-STRETCH = 120
-"""Seconds of a cluster within a flight where there are too few flights."""
-FEWEST_CURVES = 3
-"""Fewest aircraft with curves from which the size of the cycles is estimated."""
+MIN_FLIGHTS = 5  # number of flights below which the clusters are stretches within flights
+STRETCH = 120  # seconds of a cluster within a flight where there are too few flights
+FEWEST_CURVES = 3  # fewest aircraft with curves from which the size of the cycles is estimated
 USUAL_CYCLE = (np.radians(3.0), np.radians(1.0))
 """Radians: rms amplitude of one and of two cycles in the sample fleets and published tables."""
 FEWEST_AIRCRAFT = 6

@@ -8,21 +8,18 @@ an error common to a *piece* of it, an error of each block of some 200 km, and w
 deviation of an aircraft depends on its heading and not on the place, the field on the place and not
 on the heading, which separates the two.
 
-Longitudes are cut where the fewest blocks are, so that the date line and a hemisphere need no
-special case. A passing part of more than `MOST_NODES` nodes is divided into regions: within a
-segment, blocks of different regions are taken as independent, although nodes reach over the border.
-The borders move from one segment to the next, so that no place is always at a border. The lasting
-part is never divided. Valid for any number of aircraft; the benefit grows with the number in the
-same air. SI units and radians; latitude and longitude in degrees.
+A passing part of more than `MOST_NODES` nodes is divided into regions: within a segment, blocks of
+different regions are taken as independent. The borders move from one segment to the next, so that
+no place is always at a border. SI units and radians; latitude and longitude in degrees.
 
-*Blocks.* The error of the reference hardly changes over a block (about 200 km, half the distance
-between the nodes of the field), so that its reports can be placed at the middle one. The sums are
-exact: of the robust weights, of the residual of the vector equation
-(`airswing.compass.fit.kernel`) and of its derivatives by A to E and the airspeed scale. A block
-ends with its flight and with its six-hour segment; the blocks of a flight in one segment are a
-piece. Differences within a block give the size of the noise and nothing else: the headings of one
-leg differ by little more than the noise of the reported wind, which turns indicated heading and
-heading error alike, so that a curve through them would follow the noise (errors in variables).
+*Blocks.* The error of the reference hardly changes over a block (half the distance between the
+nodes of the field), so that its reports can be placed at the middle one. The sums are exact: of the
+robust weights, of the residual of the vector equation (`airswing.compass.fit.kernel`) and of its
+derivatives by A to E and the airspeed scale. A block ends with its flight and with its six-hour
+segment; the blocks of a flight in one segment are a piece. Differences within a block give the size
+of the noise and nothing else: the headings of one leg differ by little more than the noise of the
+reported wind, which turns indicated heading and heading error alike, so that a curve through them
+would follow the noise (errors in variables).
 
 References
 ----------
@@ -48,16 +45,11 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Short = NDArray[np.int32]
 
-LENGTH = 240e3
-"""Metres: longest block at the aircraft's median airspeed."""
-DURATIONS = (1800, 1200, 900, 600)
-"""Durations of a block in seconds; each divides a segment."""
-SEGMENT_SECONDS = 6 * 3600
-"""Time over which a passing error of the reference is taken as constant."""
-SLOPES = 6
-"""A to E and the airspeed scale."""
-LEAST_WEIGHT = 0.3
-"""Weight, in reports, below which a block is omitted (gross errors)."""
+LENGTH = 240e3  # metres: longest block at the aircraft's median airspeed
+DURATIONS = (1800, 1200, 900, 600)  # durations of a block in seconds; each divides a segment
+SEGMENT_SECONDS = 6 * 3600  # time over which a passing error of the reference is taken as constant
+SLOPES = 6  # A to E and the airspeed scale
+LEAST_WEIGHT = 0.3  # weight, in reports, below which a block is omitted (gross errors)
 
 
 @dataclass(frozen=True)
@@ -180,10 +172,8 @@ MOST_NODES = 400
 of their number in each segment, its inverse the cube."""
 SHIFTS = 5
 """Number of successive positions of regions' borders; not a divisor of four segments a day."""
-LARGEST_VARIANCE = 9.0
-"""(m/s)2: bound of every variance; a larger one is no error of the reference."""
-ROUNDS = 6
-"""Iterations of the variances, each with the field of the previous one removed."""
+LARGEST_VARIANCE = 9.0  # (m/s)2: bound of every variance; a larger one is no error of the reference
+ROUNDS = 6  # iterations of the variances, each with the field of the previous one removed
 
 
 @dataclass(frozen=True)

@@ -39,8 +39,7 @@ UNKNOWNS = SLOPES + 2
 """Unknowns of an aircraft: A to E, airspeed scale, bias eastward and northward."""
 KEPT = tuple([*range(SLOPES), SLOPES + c] for c in range(2))
 """Unknowns that enter each component of the residual."""
-MOST_BLOCKS = 50_000
-"""Approximate number of blocks whose equations are formed together."""
+MOST_BLOCKS = 50_000  # approximate number of blocks whose equations are formed together
 AIRCRAFT = 125
 """Number of aircraft above which `MOST_BLOCKS` grows in proportion: an aircraft must occur on some
 of the days."""

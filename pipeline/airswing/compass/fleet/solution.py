@@ -36,28 +36,21 @@ from airswing.compass.fleet.field import LARGEST_VARIANCE, SLOPES, Array, Blocks
 from airswing.compass.fleet.information import Reference
 from airswing.errors import InputError
 
-SEGMENTS_A_DAY = 4
-"""Segments of six hours, as in `airswing.compass.fleet.field`."""
+SEGMENTS_A_DAY = 4  # segments of six hours, as in `airswing.compass.fleet.field`
 FEW_DAYS = 15
 """Number of days below which their scatter may widen the model's covariance and not narrow it."""
 WRITTEN_OUT = 1500
 """Unknowns up to which the matrix is formed: some 170 aircraft against one reference."""
-ROUNDS = 20
-"""Most rounds of the prior variances."""
+ROUNDS = 20  # most rounds of the prior variances
 STEP, COARSE_STEP = 1e-8, 1e-3
 """Relative change of every variance that ends the rounds: exact, and with random signs."""
-FIRST_VARIANCE, SMALLEST_VARIANCE = 0.05, 1e-4
-"""(m/s)2."""
-UNKNOWN_VARIANCE = 1e6
-"""(m/s)2: variance of an unknown without prior."""
+FIRST_VARIANCE, SMALLEST_VARIANCE = 0.05, 1e-4  # (m/s)2
+UNKNOWN_VARIANCE = 1e6  # (m/s)2: variance of an unknown without prior
 FINE, COARSE = 1e-7, 1e-4
 """Relative residual at which the solver stops, for the estimate and for variances."""
-ITERATIONS = 1000
-"""Most iterations of the conjugate gradients."""
-COLUMNS = 32
-"""Columns multiplied at a time."""
-SIGNS, MANY_SIGNS = 8, 32
-"""Number of vectors of random signs for a trace, and for a sum of squares."""
+ITERATIONS = 1000  # most iterations of the conjugate gradients
+COLUMNS = 32  # columns multiplied at a time
+SIGNS, MANY_SIGNS = 8, 32  # number of vectors of random signs for a trace, and for a sum of squares
 
 
 @dataclass(frozen=True)

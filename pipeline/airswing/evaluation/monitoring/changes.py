@@ -8,11 +8,9 @@ number of false ones in the fleet is at most :data:`FALSE_CHANGES`.
 
 The test works on a normal matrix and a right side of each aircraft and day. Each report gives two
 equations, across and along the indicated heading, in the unknowns :data:`UNKNOWNS`. The third and
-fourth harmonics absorb the residual of A to E; without them it looks like a change when an aircraft
-flies other headings. The reference's error is common to the reports of a flight: each flight has a
-bias, a random effect that is eliminated.
-
-Dates are days, UTC; angles in degrees in the results.
+fourth harmonics absorb the residual of A to E, which looks like a change when an aircraft flies
+other headings. The reference's error is common to the reports of a flight: each flight has a bias,
+a random effect that is eliminated. Dates are days, UTC; angles in degrees in the results.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import FITTED_FROM, fit_sums, sum_aircraft
 from airswing.errors import InputError
 from airswing.evaluation import Content
-from airswing.evaluation.disagreement import Floats, Ints, member_mean, paired_design
+from airswing.evaluation.innovations import Floats, Ints, member_mean, paired_design
 from airswing.evaluation.monitoring.fleet_watch import COMPASS, Tested, month_of, watch_fleet
 from airswing.evaluation.monitoring.step_test import Step, step_of_series
 from airswing.flags import STATUS, published
@@ -46,15 +44,16 @@ RATE = 1.0
 
 ``python -m benchmarks.monitoring --part changes`` measures less than this in every world.
 """
-MOST_CHANGES = 4
-"""Depth of the search: each part of an archive is divided at its most likely date."""
+MOST_CHANGES = 4  # depth of the search: each part of an archive is divided at its most likely date
 ANGLES = 5  # A, B, C, D, E
-UNKNOWNS = 12
-"""A to E, sin 3m, cos 3m, sin 4m, cos 4m (radians), airspeed scale, b_u, b_v (m/s)."""
+UNKNOWNS = 12  # A to E, sin 3m, cos 3m, sin 4m, cos 4m (radians), airspeed scale, b_u, b_v (m/s)
 FLIGHT_BIAS_PRECISION = 1.0
 """Error variance of a report over that of a flight's bias: correlation of 0.5 within a flight."""
-GROSS = 8.0
-"""Robust standard deviations from a first fit beyond which a report is omitted."""
+GROSS = 8.0  # robust standard deviations from a first fit beyond which a report is omitted
+
+
+_CHANGE = {"count": "i1", "p_value": "f8", "rms": "f8"}
+_CHANGE |= dict.fromkeys(("date", "date_low", "date_high"), "M8[ns]")
 
 
 @dataclass(frozen=True)
@@ -97,16 +96,15 @@ class CompassWatch:
 
     def _entry(self, number: int, rows: slice) -> Content:
         scale, day = float(self.tested.scale[number]), self.days.day[rows]
-        months, right = month_of(day), self.days.right[rows].astype(np.float64)
-        weight = self.days.normal[rows].astype(np.float64)
+        months = month_of(day)
+        weight, right, common = (
+            one[rows].astype(np.float64)
+            for one in (self.days.normal, self.days.right, self.tested.common)
+        )
         for month in np.unique(months):
-            here = months == month
-            weight[here], right[here] = self.tested.noise[int(month)].weights(
-                weight[here], right[here]
-            )
-        # without the fleet's common part
-        common = self.tested.common[rows].astype(np.float64)
-        right -= np.einsum("nij,nj->ni", weight, common)
+            here, noise = months == month, self.tested.noise[int(month)]
+            weight[here], right[here] = noise.weights(weight[here], right[here])
+        right -= np.einsum("nij,nj->ni", weight, common)  # without the fleet's common part
 
         def step(low: int, high: int) -> Step | None:
             if low >= high:
@@ -120,28 +118,23 @@ class CompassWatch:
             return [one for one in found if self.false_changes(one.statistic) <= FALSE_CHANGES]
 
         first = step(0, day.size)
-        new, changes = stated([first]), []
-        dates: list[int] = []
+        new, edges = stated([first]), [0, day.size]
         for _ in range(MOST_CHANGES):
             if not new:
                 break
-            dates = sorted({*dates, *(one.day for one in new)})
-            edges = np.searchsorted(day, [day[0], *dates, day[-1] + 1]).tolist()
+            edges = sorted({*edges, *np.searchsorted(day, [one.day for one in new]).tolist()})
             new = stated([step(*ends) for ends in pairwise(edges)])
-        if dates:
-            # test each date again between its neighbours, so that its error is that of both parts
-            changes = stated([step(*ends) for ends in zip(edges[:-2], edges[2:], strict=True)])
+        # test each date again between its neighbours, so that its error is that of both parts
+        changes = stated([step(*ends) for ends in zip(edges[:-2], edges[2:], strict=True)])
         return {
             "aircraft": str(self.aircraft[number]),
             "days": day.size,
             "p_value": None if first is None else self.false_changes(first.statistic),
             "statistic": None if first is None else first.statistic,
             "changes": [
-                {
-                    "date": date_of(one.day),
-                    **step_numbers(one),
-                    "p_value": self.false_changes(one.statistic),
-                }
+                {"date": date_of(one.day)}
+                | step_numbers(one)
+                | {"p_value": self.false_changes(one.statistic)}
                 for one in changes
             ],
         }
@@ -158,24 +151,21 @@ def compass_days(headings: xr.Dataset, members: list[str], *, abscissa: str) -> 
     ``abscissa`` is the argument of the deviation: ``magnetic`` or ``true``.
     """
     argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
-    names = ["heading_error", "airspeed_error", "airspeed", "heading", argument]
+    names = [argument, "heading", "airspeed", "heading_error", "airspeed_error"]
     none = np.zeros(0, np.int64)
     parts: list[tuple[NDArray[np.generic], ...]] = [
         (none, none, np.zeros((0, UNKNOWNS, UNKNOWNS), "f4"), np.zeros((0, UNKNOWNS), "f4"))
     ]
     first = 0
     for block in blocks(headings, [*names, "time", "flight", "screening"]):
-        part = block.sel(reference=members)
-        error, along = (member_mean(part[name]).to_numpy().astype(float) for name in names[:2])
-        airspeed, heading, magnetic = (block[name].to_numpy().astype(float) for name in names[2:])
-        good = np.isfinite(error + along + airspeed + heading + magnetic)
-        good &= block["screening"].to_numpy() == 0
+        mean = member_mean(block.sel(reference=members)[names[3:]])
+        values = [
+            (mean if name in mean else block)[name].to_numpy().astype(float) for name in names
+        ]
+        good = np.isfinite(sum(values)) & (block["screening"].to_numpy() == 0)
+        magnetic, heading, airspeed, error, along = values
         columns = (
-            np.radians(magnetic),
-            np.radians(heading),
-            airspeed,
-            airspeed * np.radians(error),
-            along,
+            *(np.radians(magnetic), np.radians(heading), airspeed, np.radians(error), along),
             block["time"].to_numpy().astype("datetime64[D]").astype(np.int64),
             block["flight"].to_numpy().astype(np.int64),
         )
@@ -183,7 +173,7 @@ def compass_days(headings: xr.Dataset, members: list[str], *, abscissa: str) -> 
         for number, (start, stop) in enumerate(bounds, first):
             rows = np.flatnonzero(good[start:stop]) + start
             if rows.size:
-                days, normal, right = normal_equations_by_day(*(one[rows] for one in columns))
+                days, normal, right = _normal_equations(*(one[rows] for one in columns))
                 # in single precision: a large fleet has millions of these matrices
                 sums = normal.astype(np.float32), right.astype(np.float32)
                 parts.append((np.full(days.size, number), days, *sums))
@@ -191,21 +181,22 @@ def compass_days(headings: xr.Dataset, members: list[str], *, abscissa: str) -> 
     return CompassDays(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def normal_equations_by_day(
+def _normal_equations(
     magnetic: Floats,
     heading: Floats,
     airspeed: Floats,
-    cross: Floats,
+    error: Floats,
     along: Floats,
     day: Ints,
     flight: Ints,
 ) -> tuple[Ints, Floats, Floats]:
     """Normal equations of one aircraft by day, each flight's bias eliminated.
 
-    Headings (n,) in radians, speeds in m/s; ``cross`` is airspeed times heading error, ``along``
-    the airspeed error. Returns the days (d,), normal matrices (d, 12, 12) and right sides (d, 12).
+    Angles (n,) in radians, speeds in m/s. Returns the days (d,), normal matrices (d, 12, 12) and
+    right sides (d, 12).
     """
     across, ahead = compass_design(magnetic, heading, airspeed)
+    cross = airspeed * error
     kept = np.flatnonzero(_not_gross(across, ahead, cross, along))
     order = kept[np.lexsort((flight[kept], day[kept]))]
     # a flight past midnight is one flight of each day
@@ -290,10 +281,7 @@ def date_of(day: int) -> str:
 
 
 def watch_compasses(
-    headings: xr.Dataset,
-    *,
-    members: list[str],
-    abscissa: Literal["magnetic", "true"] = "magnetic",
+    headings: xr.Dataset, *, members: list[str], abscissa: Literal["magnetic", "true"] = "magnetic"
 ) -> CompassWatch:
     """Test the compasses of a fleet for changes.
 
@@ -338,25 +326,16 @@ def add_changes(fits: xr.Dataset, changes: list[Content]) -> xr.Dataset:
     """
     known = {entry["aircraft"]: entry for entry in changes}
     none: Content = {"curve_rms_deg": 0.0, "date": "NaT", "date_ci": ["NaT", "NaT"]}
+    columns = [(f"change_{key}", kind) for key, kind in _CHANGE.items()]
     rows = []
     for name in fits["aircraft"].to_numpy():
         entry = known.get(str(name), {"p_value": None, "changes": []})
         p_value = np.nan if entry["p_value"] is None else entry["p_value"]
         largest = max(entry["changes"], key=lambda one: one["curve_rms_deg"], default=none)
-        dates = largest["date"], *largest["date_ci"]
-        rows.append((len(entry["changes"]), p_value, largest["curve_rms_deg"], *dates))
-    columns = {
-        "change_count": "i1",
-        "change_p_value": "f8",
-        "change_rms": "f8",
-        **dict.fromkeys(("change_date", "change_date_low", "change_date_high"), "M8[ns]"),
-    }
-    found = fits.assign(
-        {
-            name: ("aircraft", np.array([row[place] for row in rows], kind))
-            for place, (name, kind) in enumerate(columns.items())
-        }
-    )
+        size = len(entry["changes"]), p_value, largest["curve_rms_deg"]
+        rows.append((*size, largest["date"], *largest["date_ci"]))
+    table = np.array(rows, columns)
+    found = fits.assign({name: ("aircraft", table[name]) for name, _ in columns})
     return describe(found.assign_attrs(compass_changes=json.dumps(changes)))
 
 
@@ -382,8 +361,7 @@ def change_warnings(fits: xr.Dataset) -> list[str]:
     """One sentence for every fit whose period contains a change of the compass."""
     lines = []
     for entry in noted_changes(fits) if "compass_changes" in fits.attrs else []:
-        changes = entry["changes"]
-        if changes:
+        if changes := entry["changes"]:
             one = max(changes, key=lambda change: change["curve_rms_deg"])
             others = f" (the largest of {len(changes)} changes)" if len(changes) > 1 else ""
             low, high = one["date_ci"]
@@ -431,13 +409,13 @@ def fit_by_window(
     windows: set[int] = set()
     for block in blocks(headings, ["time", "screening"]):
         windows.update(number(block)[block["screening"].to_numpy() == 0].tolist())
-    sums: dict[int, list[xr.DataArray]] = {one: [] for one in sorted(windows)}
+    sums: dict[int, list[xr.DataArray]] = {one: [] for one in windows}
     for block in blocks(headings.sel(reference=members), FITTED_FROM):
         place = number(block)
         for one, parts in sums.items():
             parts.append(sum_aircraft(some_reports(block, place == one), pools=mean, **fit_options))
     found, words = [], {code: name for name, code in STATUS.items()}
-    for one in list(sums):
+    for one in windows:
         fits = fit_sums(xr.concat(sums.pop(one), "aircraft")).sel(reference=reference)
         first = str(np.datetime64(one * step, "M").astype("datetime64[D]"))
         for k in range(fits.sizes["aircraft"]):

@@ -1,13 +1,10 @@
 """States of the aircraft and events since the last run: the content of ``events.json``.
 
 A run tests the whole archive and reports the events that no earlier run reported. A state gives, of
-every aircraft, the table in use and the one that would be sent now.
-
-An aircraft is silent when it has not reported for longer than twice its longest gap and longer than
-a gap of probability :data:`RARE` at its share of days with reports. Days on which hardly any
-aircraft reports are gaps of the archive. Two tables differ where the difference at a node is beyond
-the 95 % limit of the largest of eight independent ones (Sidak 1967, J. Am. Stat. Assoc. 62,
-626-633) and beyond the resolution of a unit. Days are UTC dates, angles degrees, winds knots.
+every aircraft, the table in use and the one that would be sent now. Two tables differ where the
+difference at a node is beyond the 95 % limit of the largest of eight independent ones (Sidak 1967,
+J. Am. Stat. Assoc. 62, 626-633) and beyond the resolution of a unit. Days are UTC dates, angles
+degrees, winds knots.
 """
 
 from __future__ import annotations
@@ -22,6 +19,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from airswing.compass.correction import (
     NODES,
@@ -31,7 +29,7 @@ from airswing.compass.correction import (
     main_reference,
 )
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import Ints, parts_of
+from airswing.evaluation.innovations import Ints, parts_of
 from airswing.evaluation.monitoring.changes import (
     CompassWatch,
     date_of,
@@ -46,24 +44,16 @@ from airswing.products.whole_files import write_json
 from airswing.units import KNOT
 
 VERSION = 1
-NAMED = 20
-"""Most aircraft of a list that the text names; the file names all."""
-LAST_DAYS = 7
-"""Days with reports whose disagreement is compared with that of the days before."""
-LEARNING = 14
-"""Days of an archive in which an aircraft's first report is not reported as new."""
-SAME = 3
-"""Days by which the date of a silence may differ between two runs."""
-RARE = 1e-6
-"""Probability of a silence by chance, at the aircraft's share of days with reports."""
-SHORTEST = 5
-"""Days without a report that are never reported."""
-REPORTING = 0.2
-"""Share of the fleet's median number below which a day is a gap of the archive."""
+NAMED = 20  # most aircraft of a list that the text names; the file names all
+LAST_DAYS = 7  # days with reports whose disagreement is compared with that of the days before
+LEARNING = 14  # days of an archive in which an aircraft's first report is not reported as new
+SAME = 3  # days by which the date of a silence may differ between two runs
+RARE = 1e-6  # probability of a silence by chance, at the aircraft's share of days with reports
+SHORTEST = 5  # days without a report that are never reported
+REPORTING = 0.2  # share of the fleet's median number below which a day is a gap of the archive
 LARGEST_OF_EIGHT = 2.727
 """95 % point of the largest absolute value of eight standard normal numbers."""
-RESOLUTION = 0.1
-"""Degrees by which two tables may differ from rounding."""
+RESOLUTION = 0.1  # degrees by which two tables may differ from rounding
 LEAST = 0.3
 """m/s: smaller differences are set to this, so that rounding does not enter the logarithm."""
 Kind = Literal[
@@ -199,12 +189,7 @@ def read_events(path: Path) -> Monitoring:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
         if content.pop("version") != VERSION:
             raise ValueError("version")
-        for entry in content["states"]:
-            for name in ("table_in_use", "table_now"):
-                entry[name] = UnitTable(**entry[name]) if entry[name] else None
-        content["states"] = [State(**entry) for entry in content["states"]]
-        content["events"] = [Event(**entry) for entry in content["events"]]
-        return Monitoring(**content)
+        return TypeAdapter(Monitoring).validate_python(content)
     except (ValueError, TypeError, KeyError, AttributeError) as err:
         raise InputError(
             "not an events.json that this version can read",
@@ -266,10 +251,9 @@ def find_events(
     >>> len(found.new_events) <= len(found.events)
     True
     """
-    name = reference or main_reference(fits)
+    name, aircraft = reference or main_reference(fits), headings["aircraft"].to_numpy().astype(str)
     known = headings["reference"].to_numpy().astype(str).tolist()
     members = members or ([name] if name in known else known)
-    aircraft = headings["aircraft"].to_numpy().astype(str)
     winds = wind_days(headings, members, corrected=corrected)
     last = int(winds["day"].to_numpy().max(initial=0)) if until is None else _day(until)
     winds = winds[winds["day"] <= last]
@@ -290,33 +274,23 @@ def find_events(
         aircraft.size,
     ).alarms
     found = [_step_event(alarm, aircraft, "compass_changed") for alarm in turned]
-    found += [
-        _step_event(alarm, aircraft, "disagreement_rose")
-        for alarm in risen
+    steps = [(alarm.step.number, alarm.step.day) for alarm in turned]
+    for alarm in risen:
+        one = alarm.step
+        explained = any(k == one.number and abs(day - one.day) <= LONGEST // 2 for k, day in steps)
         # a decrease needs no action, and a step explains an increase
-        if alarm.step.change[0] > 0
-        and not any(
-            other.step.number == alarm.step.number
-            and abs(other.step.day - alarm.step.day) <= LONGEST // 2
-            for other in turned
-        )
-    ]
+        if one.change[0] > 0 and not explained:
+            found.append(_step_event(alarm, aircraft, "disagreement_rose"))
     days = winds["aircraft"].to_numpy(), winds["day"].to_numpy()
     begin, silences = first_days_and_silences(*days, aircraft.size, last)
-    found += [
-        Event(
-            "aircraft_silent",
-            date_of(one.first),
-            date_of(one.noticed),
-            str(aircraft[one.number]),
-            {"days": one.days, "usual_days": one.usual_days},
-        )
-        for one in silences
-    ]
+    for silence in silences:
+        dates = date_of(silence.first), date_of(silence.noticed)
+        evidence = {"days": silence.days, "usual_days": silence.usual_days}
+        found.append(Event("aircraft_silent", *dates, str(aircraft[silence.number]), evidence))
+    # an aircraft that begins with the archive is not new
+    new = (begin >= winds["day"].min() + LEARNING) & (begin <= last)
     if previous is None:
         previous = Monitoring(date_of(0), name, [], [])
-        # an aircraft that begins with the archive is not new
-        new = (begin >= winds["day"].min() + LEARNING) & (begin <= last)
     else:
         new = (begin <= last) & ~np.isin(aircraft, [state.aircraft for state in previous.states])
     found += [
@@ -325,11 +299,9 @@ def find_events(
     ]
     news = _not_reported(found, previous)
     news.sort(key=lambda event: (event.noticed, event.date, event.aircraft or ""))
-    same = previous.reference == name  # otherwise its tables are of another reference
-    before = {
-        state.aircraft: state if same else replace(state, table_in_use=None)
-        for state in previous.states
-    }
+    before = {state.aircraft: state for state in previous.states}
+    if previous.reference != name:  # its tables are of another reference
+        before = {who: replace(state, table_in_use=None) for who, state in before.items()}
     now = tables_of(fits.sel(reference=name))
     in_use = now | {who: one.table_in_use for who, one in before.items() if one.table_in_use}
     in_use |= tables_in_use or {}
@@ -394,35 +366,23 @@ def changed_since(found: Monitoring) -> dict[str, str]:
 
 def with_tables(found: Monitoring, now: Mapping[str, UnitTable | None]) -> Monitoring:
     """States with other tables that would be sent now, by aircraft (None: no table yet)."""
-    states = [
-        replace(state, table_now=now.get(state.aircraft, state.table_now)) for state in found.states
-    ]
-    return replace(found, states=states)
+    tables = ((state, now.get(state.aircraft, state.table_now)) for state in found.states)
+    return replace(found, states=[replace(state, table_now=table) for state, table in tables])
 
 
 def _step_event(alarm: Alarm, aircraft: NDArray[np.str_], kind: Kind) -> Event:
-    step, fleet = alarm.step, alarm.step.number < 0
+    step, dates = alarm.step, (date_of(alarm.step.day), date_of(alarm.night))
     if kind == "compass_changed":
         evidence, law = step_numbers(step), COMPASS.law
     else:
         factor, law = float(np.exp(step.change[0])), WIND.law
-        evidence = {
-            "factor": factor,
-            "standard_error": factor * float(step.error[0]),
-            "date_ci": [date_of(step.earliest), date_of(step.latest)],
-        }
-    return Event(
-        "reference_changed" if fleet else kind,
-        date_of(step.day),
-        date_of(alarm.night),
-        None if fleet else str(aircraft[step.number]),
-        evidence
-        | {
-            "threshold": law.threshold,
-            "statistic": step.statistic,
-            "aircraft_that_night": alarm.aircraft,
-        },
-    )
+        evidence = {"factor": factor, "standard_error": factor * float(step.error[0])}
+        evidence["date_ci"] = [date_of(step.earliest), date_of(step.latest)]
+    evidence |= {"threshold": law.threshold, "statistic": step.statistic}
+    evidence["aircraft_that_night"] = alarm.aircraft
+    if step.number < 0:
+        return Event("reference_changed", *dates, None, evidence)
+    return Event(kind, *dates, str(aircraft[step.number]), evidence)
 
 
 class Silence(NamedTuple):
@@ -439,10 +399,12 @@ class Silence(NamedTuple):
 def first_days_and_silences(
     aircraft: Ints, day: Ints, number: int, last: int
 ) -> tuple[Ints, list[Silence]]:
-    """First day of every aircraft, and its silences.
+    """First day of every aircraft (beyond ``last`` if it never reported), and its silences.
 
-    ``aircraft`` and ``day`` (since 1970) are the days with reports, sorted by aircraft and day. The
-    first day of aircraft that never reported is beyond ``last``.
+    An aircraft is silent when it has not reported for longer than twice its longest gap and longer
+    than a gap of probability :data:`RARE` at its share of days with reports. Days on which hardly
+    any aircraft reports are gaps of the archive. ``aircraft`` and ``day`` (since 1970) are the days
+    with reports, sorted by aircraft and day.
     """
     base = int(day.min())
     counts = np.bincount(day - base, minlength=last + 1 - base)
@@ -463,12 +425,9 @@ def first_days_and_silences(
         chance = np.ceil(np.log(RARE) / np.log(idle))
         usual = np.maximum(np.maximum(SHORTEST, 2 * longest), chance).astype(np.int64)
         for j in np.flatnonzero(gaps > usual):
-            noticed = int(np.searchsorted(open_days, edge[j] + usual[j] + 1))
-            first = int(np.searchsorted(open_days, edge[j] + 1))
-            lasts = bool(j == gaps.size - 1)
-            silences.append(
-                Silence(k, base + first, base + noticed, int(usual[j]) + 1, int(usual[j]), lasts)
-            )
+            first, noticed = np.searchsorted(open_days, edge[j] + [1, usual[j] + 1]) + base
+            days, lasts = int(usual[j]) + 1, bool(j == gaps.size - 1)
+            silences.append(Silence(k, int(first), int(noticed), days, days - 1, lasts))
     return begin, silences
 
 
@@ -552,20 +511,14 @@ def read_tables(path: Path | str, *, reference: str) -> dict[str, UnitTable]:
         if bad.any():
             one = lines[bad].iloc[0]
             raise ValueError(f"{one.to_add} with error {one.error} at {one.aircraft}")
-        tables = [
-            (str(name), rows.drop_duplicates("heading_deg", keep="last").sort_values("heading_deg"))
-            for name, rows in lines.groupby("aircraft", sort=False)
-        ]
+        lines = lines.drop_duplicates(["aircraft", "heading_deg"], keep="last")
+        lines = lines.sort_values("heading_deg", kind="stable")
     except (OSError, ValueError, KeyError, TypeError, UnicodeError) as err:
-        raise InputError(
-            "not a file of tables",
-            file=path,
-            found=err,
-            remedy="It has the columns and rows of tables.csv, as a run writes it",
-        ) from err
+        remedy = "It has the columns and rows of tables.csv, as a run writes it"
+        raise InputError("not a file of tables", file=path, found=err, remedy=remedy) from err
     return {
-        name: UnitTable(rows["to_add"].tolist(), rows["error"].tolist())
-        for name, rows in tables
+        str(name): UnitTable(rows["to_add"].tolist(), rows["error"].tolist())
+        for name, rows in lines.groupby("aircraft")
         if rows["heading_deg"].tolist() == NODES.tolist()
     }
 

@@ -16,18 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from airswing.evaluation.disagreement import Floats, Ints
+from airswing.evaluation.innovations import Floats, Ints
 from airswing.evaluation.monitoring.step_test import Law, Noise, Step, StepTest
 
-FEWEST = 5
-"""Fewest aircraft of a day for a common part."""
-FAR = 9.0
-"""Squared distance from the common part at which an aircraft has half weight."""
+FEWEST = 5  # fewest aircraft of a day for a common part
+FAR = 9.0  # squared distance from the common part at which an aircraft has half weight
 _ROUNDS = 3  # iterations of the common part and of the weights of aircraft far from it
 FEWEST_IN_BLOCK, FEWEST_BLOCKS = 7, 3
 """Fewest days of an aircraft in a block, and blocks; with fewer the default errors are used."""
-BLOCK_DAYS = 21
-"""Days over which a level is taken as constant when the errors are estimated."""
+BLOCK_DAYS = 21  # days over which a level is taken as constant when the errors are estimated
 ENOUGH_ROWS, FEWEST_AIRCRAFT = 20_000, 20
 """Rows used to estimate the errors of a day, and the fewest aircraft among them."""
 MONTH_BEFORE = 28

@@ -24,18 +24,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.evaluation.disagreement import Floats, Ints
+from airswing.evaluation.innovations import Floats, Ints
 
-LONGEST = 30
-"""Days that a step may lie back when it is detected."""
+LONGEST = 30  # days that a step may lie back when it is detected
 LAGS = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30)
 """Lengths in days of the period after the step that are tried every night."""
-SCALE_FREEDOM = 60.0
-"""Degrees of freedom of the fleet's noise in the noise of one aircraft."""
-FEWEST_DAYS = 14
-"""Fewest days with reports before a step."""
-FEWEST_AFTER = 3
-"""Fewest days with reports after a step that is found from all days of an archive."""
+SCALE_FREEDOM = 60.0  # degrees of freedom of the fleet's noise in the noise of one aircraft
+FEWEST_DAYS = 14  # fewest days with reports before a step
+FEWEST_AFTER = 3  # fewest days with reports after a step that is found from all days of an archive
 FREEDOM = 6.0
 """Degrees of freedom of a day's Student's t: a day is the mean of a few heavy-tailed flights."""
 SINGLE_DAY = 5.5

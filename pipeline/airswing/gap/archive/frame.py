@@ -19,7 +19,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import member_mean
+from airswing.evaluation.innovations import member_mean
 from airswing.flags import PHASE, ROLL, SCREENING
 from airswing.gap.archive.acceleration import acceleration_at_reports
 from airswing.gap.arrays import Booleans, Floats, Integers

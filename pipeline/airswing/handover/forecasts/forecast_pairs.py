@@ -21,8 +21,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import parts_of
-from airswing.evaluation.innovations import LEVEL_EDGES_HPA, profile_cells
+from airswing.evaluation.innovations import LEVEL_EDGES_HPA, parts_of, profile_cells
 from airswing.handover.forecasts.correcting import TIME
 from airswing.handover.selection import APPLIED
 from airswing.physics.triangle import wrap_degrees

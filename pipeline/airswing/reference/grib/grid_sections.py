@@ -210,29 +210,25 @@ class _Keys:
             one, two = self.degrees("Latin1"), self.degrees("Latin2")
             if max(abs(one), abs(two)) >= 90.0 or abs(one + two) < 1e-9:
                 raise UnplaceableGridError(f"no Lambert cone with standard parallels {one}, {two}")
-            proj = f"+proj=lcc +lat_1={one!r} +lat_2={two!r} +lat_0={one!r}"
-            frame = Frame("projected", f"{proj} +lon_0={self.degrees('LoV')!r} {earth}")
-        elif kind == "polar_stereographic":
-            south = bool(self.whole("projectionCentreFlag") & 0x80)
-            true = abs(self.degrees("LaD")) if self.edition == 2 else 60.0
-            pole = -90.0 if south else 90.0
-            frame = Frame(
-                "projected",
-                f"+proj=stere +lat_0={pole} +lat_ts={math.copysign(true, pole)!r} "
-                f"+lon_0={self.degrees('orientationOfTheGrid')!r} {earth}",
+            proj = (
+                f"lcc +lat_1={one!r} +lat_2={two!r} +lat_0={one!r} +lon_0={self.degrees('LoV')!r}"
             )
+        elif kind == "polar_stereographic":
+            pole = -90.0 if self.whole("projectionCentreFlag") & 0x80 else 90.0
+            true = math.copysign(self.degrees("LaD") if self.edition == 2 else 60.0, pole)
+            meridian = self.degrees("orientationOfTheGrid")
+            proj = f"stere +lat_0={pole} +lat_ts={true!r} +lon_0={meridian!r}"
         elif kind == "lambert_azimuthal_equal_area":
             middle = self.degrees("standardParallel"), self.degrees("centralLongitude")
-            frame = Frame(
-                "projected", f"+proj=laea +lat_0={middle[0]!r} +lon_0={middle[1]!r} {earth}"
-            )
+            proj = f"laea +lat_0={middle[0]!r} +lon_0={middle[1]!r}"
         else:
             if self.edition == 2 and self.number("orientationOfTheGridInDegrees"):
                 raise UnplaceableGridError("Mercator grid turned against the equator")
-            frame = Frame("projected", f"+proj=merc +lat_ts={self.degrees('LaD')!r} {earth}")
-            # lengths are whole metres or millimetres: a full circle to a hundredth of a column
-            if abs(frame.turn / di - self.ni) < 0.01:
-                di = frame.turn / self.ni
+            proj = f"merc +lat_ts={self.degrees('LaD')!r}"
+        frame = Frame("projected", f"+proj={proj} {earth}")
+        # lengths are whole metres or millimetres: a full circle to a hundredth of a column
+        if abs(frame.turn / di - self.ni) < 0.01:
+            di = frame.turn / self.ni
         x0, y0 = frame.xy(np.array([latitude]), np.array([longitude]))
         x = x0[0] + self.si * di * np.arange(self.ni, dtype=np.float64)
         y = y0[0] + self.sj * dj * np.arange(self.nj, dtype=np.float64)
@@ -305,8 +301,7 @@ def _rapid_refresh(section: bytes) -> AxesGrid:
     ni, nj = (int.from_bytes(section[at : at + 4], "big") for at in (30, 34))
     if not (2 <= ni < 2**31 and nj >= 2 and ni * nj <= MAX_POINTS):
         raise UnplaceableGridError(f"grid of {ni:,} by {nj:,} points")
-    first, centre = (signed(46), signed(50)), (signed(55), signed(59))
-    scanning = section[71]
+    first, centre, scanning = (signed(46), signed(50)), (signed(55), signed(59)), section[71]
     if max(abs(first[0]), abs(centre[0])) > 90.0 or scanning & 0x0F:
         raise UnplaceableGridError("grid beyond the earth or with staggered rows")
     frame = rotated_frame(90.0 - centre[0], centre[1] + 180.0)
@@ -324,11 +319,6 @@ def _rapid_refresh(section: bytes) -> AxesGrid:
         agree = bool(np.hypot(wrap_degrees(last[0] + x0), last[1] + y0)[0] < min(map(abs, steps)))
     if not agree or any(step * sign <= 0.0 for step, sign in zip(steps, signs, strict=True)):
         raise UnplaceableGridError("corners and increments contradict each other")
-    return AxesGrid(
-        frame,
-        x0 + steps[0] * np.arange(ni, dtype=np.float64),
-        y0 + steps[1] * np.arange(nj, dtype=np.float64),
-        bool(section[54] & 0x08),
-        bool(scanning & 0x20),
-        bool(scanning & 0x10),
-    )
+    columns, rows = (np.arange(n, dtype=np.float64) for n in (ni, nj))
+    flags = (bool(byte) for byte in (section[54] & 0x08, scanning & 0x20, scanning & 0x10))
+    return AxesGrid(frame, x0 + steps[0] * columns, y0 + steps[1] * rows, *flags)

@@ -10,18 +10,28 @@ the file, counted from 0 (WMO tables: from 1); times in ns since 1970, leads in 
 from __future__ import annotations
 
 import calendar
+import contextlib
+import hashlib
+import json
 import math
 import os
 import struct
+import sys
+import warnings
+import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from airswing.errors import InputError
+from airswing.products.whole_files import code_digest
+from airswing.reference.files import SourceFile, local_path
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grids import UnplaceableGridError
 from airswing.reference.state import DERIVED, FORECAST, grib_statistic
@@ -29,7 +39,7 @@ from airswing.reference.winds import HYBRID, ISOBARIC, MAX_PRESSURE, PRESSURE, U
 
 MAX_BITS = 57  # widest packed integer that one unaligned 64-bit load holds at any bit offset
 PADDING = 16  # bytes a section may have beyond its values
-_READ_BYTES = 512  # read at once where a message begins
+_READ_BYTES, _SEARCHED = 512, 1 << 16  # read at once where a message begins, and between messages
 _SPEED = -1  # kind of a wind speed or direction, which is counted
 #: Kinds by parameter: of GRIB1 in ECMWF's table 128 and in WMO's code table 2, and of GRIB2.
 _ECMWF_1 = {131: U, 132: V, 54: PRESSURE}
@@ -60,6 +70,15 @@ _SCALED = (0, 2, 3, 40, 41, 42, 40000, 40010)
 _SMALLEST_NORMAL = 2.0**-126  # ecCodes reads smaller reference values in another way
 
 
+class Scale(NamedTuple):
+    """Packing of a field: R, E and D of ``Y 10^D = R + X 2^E``, X of a number of bits."""
+
+    bits: int = 0
+    binary_scale: int = 0
+    decimal_scale: int = 0
+    reference_value: float = 0.0
+
+
 class Field(NamedTuple):
     """One field of a file, a row of `FIELD_DTYPE`; -1 if an offset or a number is absent."""
 
@@ -72,19 +91,19 @@ class Field(NamedTuple):
     valid: int
     lead: int
     grid: int  # number in `FileContents.grids`
-    points: int = -1  # set by the catalogue
-    file: int = 0
-    part: int = 0  # number of the field in its message
-    member: int = 0
-    packing: int = 0
-    sparse: bool = False  # values can be read at single points
-    bits: int = 0  # of a value
-    binary_scale: int = 0
-    decimal_scale: int = 0
-    reference_value: float = 0.0
-    bitmap: int = -1  # offset of its first byte
-    data_start: int = 0  # of the packed values
-    data_end: int = 0
+    points: int  # set by the catalogue, and the file
+    file: int
+    part: int  # number of the field in its message
+    member: int
+    packing: int
+    sparse: bool  # values can be read at single points
+    bits: int  # as in `Scale`
+    binary_scale: int
+    decimal_scale: int
+    reference_value: float
+    bitmap: int  # offset of its first byte
+    data_start: int  # of the packed values
+    data_end: int
 
 
 _FORMATS = "i8 i8 i1 i1 i2 f8 i8 i8 i4 i4 i4 i2 i4 i4 ? i2 i4 i4 f8 i8 i8 i8"
@@ -194,9 +213,8 @@ def whole_messages(
         while at < window.size:
             head = window.get(at, 16)
             if head[:4] != b"GRIB":
-                at = _next_mark(window, at)
-                if at < 0:
-                    return
+                found = os.pread(window.descriptor, _SEARCHED + 3, at).find(b"GRIB")
+                at += found if found >= 0 else _SEARCHED
                 continue
             try:
                 edition, length = _length(window, at, head)
@@ -206,16 +224,6 @@ def whole_messages(
                 continue
             yield window, at, edition, length
             at += length
-
-
-def _next_mark(window: Window, at: int) -> int:
-    block = 1 << 16
-    while at < window.size:
-        found = os.pread(window.descriptor, block + 3, at).find(b"GRIB")
-        if found >= 0:
-            return at + found
-        at += block
-    return -1
 
 
 def _length(window: Window, at: int, head: bytes) -> tuple[int, int]:
@@ -358,31 +366,15 @@ def _field_1(
         raise _damaged("spherical harmonics on a grid of points")
     if bits > 64:
         raise _damaged(f"{bits} bits a value")
-    reference, binary, decimal = ibm_float(data, 6), signed(data, 4, 2), signed(product, 26, 2)
-    _check_lowest(kind, reference, binary, decimal)
+    scale = Scale(
+        bits, signed(data, 4, 2), signed(product, 26, 2), _ibm_float(unsigned(data, 6, 4))
+    )
+    _check_lowest(kind, scale)
     if packing == 0 and bitmap < 0:
         _check_length(stop - at - 11, bits, size)
-    return Field(
-        offset=start,
-        length=length,
-        edition=1,
-        kind=kind,
-        level_kind=level_kind,
-        level=level,
-        valid=valid,
-        lead=lead,
-        member=member,
-        grid=grid,
-        packing=packing,
-        sparse=packing == 0 and bits <= MAX_BITS,
-        bits=bits,
-        binary_scale=binary,
-        decimal_scale=decimal,
-        reference_value=reference,
-        bitmap=bitmap,
-        data_start=at + 11,
-        data_end=stop,
-    )
+    found = start, length, 1, kind, level_kind, level, valid, lead, grid
+    sparse = packing == 0 and bits <= MAX_BITS
+    return Field(*found, -1, 0, 0, member, packing, sparse, *scale, bitmap, at + 11, stop)
 
 
 def _section_length(window: Window, at: int, end: int, least: int) -> int:
@@ -442,6 +434,7 @@ def _field_2(
     if bitmap >= 0:
         _check_bitmap(unsigned(window.get(bitmap, 4), 0, 4) - 6, size)
     numbered = template not in (FORECAST, DERIVED) and product[35] != 255
+    start, end = sections[7] + 5, sections[7] + unsigned(window.get(sections[7], 4), 0, 4)
     packed = window.get(sections[5], 21)
     n_bytes, packing, coded = unsigned(packed, 0, 4), unsigned(packed, 9, 2), unsigned(packed, 5, 4)
     if n_bytes < _LENGTHS_5.get(packing, 0):
@@ -449,41 +442,21 @@ def _field_2(
     # fewer values than points if a bitmap leaves some out
     if coded > size or (coded != size and bitmap < 0):
         raise _damaged(f"{coded:,} values on a grid of {size:,} points")
-    found = Field(
-        offset=place[0],
-        length=place[1],
-        part=place[2],
-        edition=2,
-        kind=kind,
-        level_kind=level_kind,
-        level=level,
-        valid=valid,
-        lead=lead,
-        member=product[35] if numbered else 0,
-        grid=grid,
-        packing=packing,
-        bitmap=bitmap + 6 if bitmap >= 0 else -1,
-        data_start=sections[7] + 5,
-        data_end=sections[7] + unsigned(window.get(sections[7], 4), 0, 4),
-    )
-    if packing not in _SCALED:
-        return found
-    # Y 10^D = R + X 2^E
-    reference, bits = float(struct.unpack_from(">f", packed, 11)[0]), packed[19]
-    binary, decimal = signed(packed, 15, 2), signed(packed, 17, 2)
-    _check_lowest(kind, reference, binary, decimal)
-    if bits > (64 if packing == 0 else 38):
-        raise _damaged(f"{bits} bits a value")
-    if packing == 0:
-        _check_length(found.data_end - found.data_start, bits, coded)
-    usual = reference == 0.0 or abs(reference) >= _SMALLEST_NORMAL
-    return found._replace(
-        sparse=packing == 0 and usual and bits <= MAX_BITS,
-        bits=bits,
-        binary_scale=binary,
-        decimal_scale=decimal,
-        reference_value=reference,
-    )
+    scale, sparse = Scale(), False
+    if packing in _SCALED:
+        reference, bits = float(struct.unpack_from(">f", packed, 11)[0]), packed[19]
+        scale = Scale(bits, signed(packed, 15, 2), signed(packed, 17, 2), reference)
+        _check_lowest(kind, scale)
+        if bits > (64 if packing == 0 else 38):
+            raise _damaged(f"{bits} bits a value")
+        if packing == 0:
+            _check_length(end - start, bits, coded)
+            usual = reference == 0.0 or abs(reference) >= _SMALLEST_NORMAL
+            sparse = usual and bits <= MAX_BITS
+    member = product[35] if numbered else 0
+    bitmap = bitmap + 6 if bitmap >= 0 else -1
+    found = *place[:2], 2, kind, level_kind, level, valid, lead, grid
+    return Field(*found, -1, 0, place[2], member, packing, sparse, *scale, bitmap, start, end)
 
 
 # both editions
@@ -500,9 +473,8 @@ def signed(data: bytes, start: int, width: int) -> int:
     return top - value if value >= top else value
 
 
-def ibm_float(data: bytes, start: int) -> float:
+def _ibm_float(word: int) -> float:
     """IBM single-precision float: sign, exponent of 16 (excess 64), 24-bit fraction."""
-    word = unsigned(data, start, 4)
     value = float(word & 0xFFFFFF) * 16.0 ** (((word >> 24) & 0x7F) - 70)
     return -value if word >> 31 else value
 
@@ -537,10 +509,10 @@ def _check_length(n_bytes: int, bits: int, values: int) -> None:
         raise _damaged("data section longer than its grid and its bits a value need")
 
 
-def _check_lowest(kind: int, reference: float, binary_scale: int, decimal_scale: int) -> None:
-    if abs(binary_scale) > _LARGEST_SCALE or abs(decimal_scale) > _LARGEST_SCALE:
+def _check_lowest(kind: int, scale: Scale) -> None:
+    if max(abs(scale.binary_scale), abs(scale.decimal_scale)) > _LARGEST_SCALE:
         raise _damaged("impossible scale factors")
-    lowest, (low, high) = reference * 10.0**-decimal_scale, limits(kind)
+    lowest, (low, high) = scale.reference_value * 10.0**-scale.decimal_scale, limits(kind)
     if not (math.isfinite(lowest) and low <= lowest <= high):
         unit = "Pa" if kind == PRESSURE else "m/s"
         raise _damaged(f"lowest value of a field outside {low:g} to {high:g} {unit}")
@@ -577,3 +549,61 @@ def _valid_time(
     if not _SHORTEST_LEAD <= lead <= _LONGEST_LEAD:
         raise _damaged(f"lead time of {lead / 86_400:,.0f} days")
     return (base + lead) * 1_000_000_000
+
+
+# cache
+
+
+def contents_of(
+    files: Sequence[SourceFile], folder: str | os.PathLike[str] | None = None
+) -> Iterator[FileContents | OSError | InputError]:
+    """Contents of files in turn, from a cache or a scan; the error if a file is unreadable.
+
+    The cache is by default in ``AIRSWING_CACHE``, else the system's cache folder; one entry for
+    each file, valid for its path, size, modification time and a sample of its bytes, and for the
+    code that read it. A damaged entry is replaced; a folder that cannot be written causes one
+    warning and a longer run.
+    """
+    cache = (Path(folder) if folder is not None else _default_folder()) / "grib-headers"
+    known, writable = set[str](), False
+    with contextlib.suppress(OSError):
+        cache.mkdir(parents=True, exist_ok=True)
+        known, writable = set(os.listdir(cache)), os.access(cache, os.W_OK)
+    if not writable:
+        text = f"cache folder {cache} cannot be written: GRIB headers are read again"
+        warnings.warn(text, stacklevel=2)
+    for file in files:
+        key = "\0".join([*map(str, file), code_digest()]).encode()
+        entry, contents = cache / hashlib.blake2b(key, digest_size=16).hexdigest(), None
+        if entry.name in known:
+            with contextlib.suppress(OSError, zlib.error, ValueError, TypeError):
+                fields, grids, skipped, *counts = json.loads(zlib.decompress(entry.read_bytes()))
+                contents = FileContents(
+                    [Field(*one) for one in fields],
+                    [(edition, bytes.fromhex(section)) for edition, section in grids],
+                    Counter({(what, why): count for what, why, count in skipped}),
+                    *counts,
+                )
+        if contents is None:
+            try:
+                contents = scan_file(local_path(file.path))
+            except (OSError, InputError) as error:
+                yield error
+                continue
+            grids = [(edition, section.hex()) for edition, section in contents.grids]
+            skipped = [(*reason, count) for reason, count in contents.skipped.items()]
+            plain = contents.fields, grids, skipped, contents.messages, contents.parts
+            if writable:
+                with contextlib.suppress(OSError):
+                    entry.write_bytes(zlib.compress(json.dumps(plain).encode(), 1))
+        yield contents
+
+
+def _default_folder() -> Path:
+    named = os.environ.get("AIRSWING_CACHE")
+    if named:
+        return Path(named)
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "airswing"
+    root = os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else None
+    return Path(root or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "airswing"

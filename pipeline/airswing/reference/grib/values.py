@@ -3,11 +3,10 @@
 Simple packing is read at single points: ``(R + X 2^E) 10^-D`` with X an unsigned integer of fixed
 width (GRIB1 grid-point simple packing, GRIB2 data template 5.0), computed as ecCodes does, so that
 both give the same doubles. Everything else is decoded whole by ecCodes in a worker process
-(`airswing.guarded`), because a damaged message may end the process. Files are not mapped: one that
-is cut short while it is read gives an error, not a killed process.
+(`airswing.guarded`), because a damaged message may end the process.
 
 A message with one impossible value is refused: a damaged scale factor or a shifted bit stream gives
-impossible winds in a message that looks valid. It is tested at 256 points of the grid, so that the
+impossible winds in a message that looks valid. It is tested at points of the grid, so that the
 result does not depend on the reports, and by the standard deviation of a component. Impossible
 values between these points become missing.
 """
@@ -162,16 +161,14 @@ def _decoded(jobs: list[Job]) -> list[Floats | str]:
                 if eccodes.codes_get_long(handle, "bitmapPresent"):
                     eccodes.codes_set(handle, "missingValue", _ABSENT)
                 count = eccodes.codes_get_size(handle, "values")
-                if count == size:
-                    values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
-                    count = values.size
+                if count != size:
+                    found.append(f"{count} values on a grid of {size} points")
+                    continue
+                values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
             finally:
                 eccodes.codes_release(handle)
         except (eccodes.CodesInternalError, MemoryError, ValueError) as error:
             found.append(f"not decodable: {error}")
-            continue
-        if count != size:
-            found.append(f"{count} values on a grid of {size} points")
             continue
         values = values if points is None else values[points]
         values[values == _ABSENT] = np.nan

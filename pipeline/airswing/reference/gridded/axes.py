@@ -1,14 +1,11 @@
 """Dimensions, times and grid of a variable, by MetPy's CF parsing and by usual names.
 
 A name in the configuration takes precedence. Dimensions that MetPy (`parse_cf`) does not recognise
-are an ensemble (CF `realization`), ECMWF's `expver`, levels, or have one entry. Horizontal
-coordinates are one-dimensional along two dimensions, or latitudes and longitudes of every point.
-
-Times are known by `standard_name` (``time``, ``forecast_reference_time``, ``forecast_period``),
-else by the usual names and by dimensions: a time that does not vary along the dimension of the
-leads is a base time, also if the configuration names it as `time`. Any two give the third; a valid
-time without another is an analysis, lead 0. A lead without units is in hours. Calendars without
-leap years are taken by their dates.
+are an ensemble (CF `realization`), ECMWF's `expver`, levels, or have one entry. Times are known by
+`standard_name`, else by the usual names and by dimensions: a time that does not vary along the
+dimension of the leads is a base time, also if the configuration names it as `time`. Of valid time,
+base time and lead any two give the third; a valid time without another is an analysis, lead 0. A
+lead without units is in hours. Calendars without leap years are taken by their dates.
 """
 
 from __future__ import annotations
@@ -55,8 +52,7 @@ _STANDARD = ("forecast_reference_time", "forecast_period", "time")
 _JULIAN = 2_415_020.0, 2_488_070.0  # Julian dates of the years 1900 and 2100
 _JULIAN_1970 = 2_440_587.5  # of 1970-01-01T00:00
 _DIGITS = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
-MISSING = int(np.iinfo(np.int64).min)
-"""Value of a time that is not known, as numpy's NaT."""
+MISSING = int(np.iinfo(np.int64).min)  # value of a time that is not known, as numpy's NaT
 _MEMBER = re.compile(r"(number|members?|realization|ens\d*|ensemble\w*|perturbation\w*)$", re.I)
 _EITHER = "expver"  # ECMWF's dimension of final and preliminary data: each time is in one of them
 _PROJECTED = re.compile(r"(projection_)?[xy](_coordinate|c)?$", re.I)
@@ -89,18 +85,22 @@ def unstructured(dimension: str) -> InputError:
 
 def cell_dimension(ds: xr.Dataset) -> str:
     """Dimension of the cells of an unstructured grid, empty if there is none."""
-    for name in map(str, ds.dims):
-        if _CELLS.match(name) and ds.sizes[name] > 1:
-            return name
-    return ""
+    return next((str(d) for d, size in ds.sizes.items() if size > 1 and _CELLS.match(str(d))), "")
 
 
 def axes_of(ds: xr.Dataset, name: str, naming: Naming) -> Axes:
     """Dimensions of a variable."""
     import metpy.xarray  # noqa: F401  (registers the accessor)
 
+    alone = ds.reset_coords(name) if name in ds.coords and name not in ds.dims else ds
+    mapping = ds[name].attrs.get("grid_mapping", ds[name].encoding.get("grid_mapping"))
+    written = str(mapping).split(":")[0].strip()  # the extended form names coordinates too
+    mapped = mapping is not None and written in ds.variables
+    alone = alone[[name, written] if mapped else [name]]
+    if mapping is not None:
+        alone[name] = alone[name].assign_attrs(grid_mapping=written)
     with quiet():
-        parsed = _alone(ds, name).metpy.parse_cf()[name]
+        parsed = alone.metpy.parse_cf()[name]
         found = {
             axis: getattr(parsed.metpy, axis, None)
             for axis in ("vertical", "time", "y", "x", "latitude", "longitude")
@@ -112,8 +112,6 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming) -> Axes:
     levels = [str(d) for d in vertical.dims] if vertical is not None else []
     left = [d for d in left if d not in levels]
     crs = getattr(parsed.coords.get("metpy_crs"), "item", lambda: None)()
-    # MetPy assumes a longitude and latitude mapping if a file has none
-    mapped = parsed.attrs.get("grid_mapping") in ds.variables
     either = _EITHER if _EITHER in left else ""
     return Axes(
         y,
@@ -124,29 +122,16 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming) -> Axes:
         (*(d for d in left if d != either), *levels),
         next((d for d in left if _is_member(ds, d)), ""),
         either,
+        # MetPy assumes a longitude and latitude mapping if a file has none
         dict(crs.to_dict()) if crs is not None and mapped else None,
     )
-
-
-def _alone(ds: xr.Dataset, name: str) -> xr.Dataset:
-    one = ds.reset_coords(name) if name in ds.coords and name not in ds.dims else ds
-    mapping = one[name].attrs.get("grid_mapping", one[name].encoding.get("grid_mapping"))
-    if mapping is None:
-        return one[[name]]
-    written = str(mapping).split(":")[0].strip()  # the extended form names coordinates too
-    kept = one[[name, *([written] if written in one.variables else [])]]
-    kept[name] = one[name].assign_attrs(grid_mapping=written)
-    return kept
 
 
 def coordinate(ds: xr.Dataset, name: str, key: str) -> xr.DataArray:
     """A coordinate that the configuration names."""
     if name not in ds.variables and name not in ds.dims:
-        raise InputError(
-            "no such variable",
-            field=f"{key}: {name}",
-            found="variables " + ", ".join(map(str, ds.variables)),
-        )
+        seen = "variables " + ", ".join(map(str, ds.variables))
+        raise InputError("no such variable", field=f"{key}: {name}", found=seen)
     return ds[name]
 
 
@@ -191,16 +176,14 @@ def _vertical(
         return named if named.ndim == 1 and named.dims[0] in left else None
     if vertical is not None and vertical.ndim == 1 and vertical.dims[0] in left:
         return vertical
-    times = set() if time is None else {str(d) for d in time.dims}
-    unexplained = [
-        d
-        for d in left
-        if d not in times
-        and d != _EITHER
-        and not _is_member(ds, d)
-        and not is_time_dimension(d, ds[d])
-        and parsed.sizes[d] > 1
-    ]
+
+    def is_explained(d: str) -> bool:
+        of_time = time is not None and d in time.dims
+        of_time |= bool(_LEAD.match(d)) or ds[d].dtype.kind == "m"
+        of_time |= ds[d].attrs.get("standard_name") in _STANDARD or _stamps(ds[d]) is not None
+        return of_time or d == _EITHER or _is_member(ds, d) or parsed.sizes[d] == 1
+
+    unexplained = [d for d in left if not is_explained(d)]
     levels = [d for d in unexplained if _LEVEL.match(d)]
     if len(levels) == 1:
         unexplained = levels
@@ -233,9 +216,8 @@ def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
             for one, unit in zip((axes.y, axes.x), units, strict=True)
         )
         mapping = naming.projection or axes.crs or _grib_projection(ds[name])
-        laid = None
-        if mapping is not None:
-            laid = through_points(frame_of(mapping, field="projection"), lat, lon)
+        frame = None if mapping is None else frame_of(mapping, field="projection")
+        laid = None if frame is None else through_points(frame, lat, lon)
         if laid is None and naming.projection is not None:
             raise InputError(
                 "points that are not rows and columns of the given projection",
@@ -256,9 +238,8 @@ def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
     elif axes.crs is not None:
         frame = frame_of(axes.crs, field="grid mapping")
     elif _is_projected(axes, units):
-        points = _points(ds, axes)
-        if points is not None:
-            return points
+        if points := _points(ds, axes):
+            return PointsGrid(points["latitude"], points["longitude"])
         raise InputError(
             "coordinates of a projection that is not given",
             field="projection",
@@ -277,14 +258,14 @@ def _degrees(unit: object) -> float:
 def _is_projected(axes: Axes, units: Sequence[object]) -> bool:
     """Coordinates that are lengths, or a rotated frame's, without a grid mapping."""
     return any(factor_of(one, "length") is not None for one in units) or any(
-        "projection" in str(one.attrs.get("standard_name", ""))
-        or "grid_" in str(one.attrs.get("standard_name", ""))
+        re.search("projection|grid_", str(one.attrs.get("standard_name", "")))
         or str(one.name).lower().startswith(("projection_", "rlat", "rlon"))
         for one in (axes.y, axes.x)
     )
 
 
-def _points(ds: xr.Dataset, axes: Axes) -> PointsGrid | None:
+def _points(ds: xr.Dataset, axes: Axes) -> dict[str, NDArray[np.float64]]:
+    """Latitudes and longitudes of all points; empty without both."""
     found: dict[str, NDArray[np.float64]] = {}
     for key, one in ds.variables.items():
         if one.dims != (axes.y_dim, axes.x_dim):
@@ -294,9 +275,7 @@ def _points(ds: xr.Dataset, axes: Axes) -> PointsGrid | None:
         for place, letter in (("latitude", "n"), ("longitude", "e")):
             if place in names or units.replace(" ", "_")[:8] == f"degree_{letter}":
                 found[place] = np.asarray(one.values, dtype=np.float64)
-    if len(found) < 2:
-        return None
-    return PointsGrid(found["latitude"], found["longitude"])
+    return found if len(found) == 2 else {}
 
 
 def _monotonic(one: xr.DataArray, unit: object, frame: Frame) -> NDArray[np.float64]:
@@ -306,11 +285,8 @@ def _monotonic(one: xr.DataArray, unit: object, frame: Frame) -> NDArray[np.floa
     values = np.asarray(one.values, dtype=np.float64) * scale
     steps = np.diff(np.unwrap(values, period=360.0) if meridional else values)
     if not ((steps > 0).all() or (steps < 0).all()):
-        raise InputError(
-            "a coordinate that is not monotonic",
-            field=str(one.name),
-            remedy="Sort the Dataset by it",
-        )
+        remedy = "Sort the Dataset by it"
+        raise InputError("a coordinate that is not monotonic", field=str(one.name), remedy=remedy)
     return values
 
 
@@ -353,17 +329,15 @@ def times_of(ds: xr.Dataset, name: str, outer: dict[str, int], naming: Naming) -
     leads = [one for key, one in near.items() if key not in stamps and _is_lead(key, one)]
     valid, run, lead = _roles([near[key] for key in stamps], leads, naming, name)
     if valid is None and run is None:
-        raise InputError(
-            "no time axis",
-            field=name,
-            found="coordinates " + (", ".join(map(str, ds[name].coords)) or "none"),
-            remedy="Each field needs a valid time; name its coordinate as time: NAME",
-        )
-    begun = None if run is None else spread(stamps[str(run.name)], run.dims, outer)
+        remedy = "Each field needs a valid time; name its coordinate as time: NAME"
+        seen = "coordinates " + (", ".join(map(str, ds[name].coords)) or "none")
+        raise InputError("no time axis", field=name, found=seen, remedy=remedy)
+    begun, at = (
+        None if one is None else spread(stamps[str(one.name)], one.dims, outer)
+        for one in (run, valid)
+    )
     after = None if lead is None else spread(_seconds(lead, naming), lead.dims, outer)
-    if valid is not None:
-        at = spread(stamps[str(valid.name)], valid.dims, outer)
-    else:
+    if at is None:
         assert begun is not None
         at = begun if after is None else begun + after * 1_000_000_000
     if after is None:
@@ -432,23 +406,13 @@ def _is_lead(key: str, one: xr.DataArray) -> bool:
     return bool(_LEAD.match(key)) and known
 
 
-def is_time_dimension(key: str, one: xr.DataArray) -> bool:
-    """Whether a dimension is one of valid times, base times or leads by its name or coordinate."""
-    named = one.attrs.get("standard_name") in _STANDARD or one.dtype.kind == "m"
-    return bool(_LEAD.match(key)) or named or _stamps(one) is not None
-
-
 def _roles(
-    stamps: Iterable[xr.DataArray],
-    leads: list[xr.DataArray],
-    naming: Naming,
-    name: str,
+    stamps: Iterable[xr.DataArray], leads: list[xr.DataArray], naming: Naming, name: str
 ) -> tuple[xr.DataArray | None, xr.DataArray | None, xr.DataArray | None]:
     """Coordinates of the valid time, the base time and the lead."""
     # a lead that varies takes precedence over one that is the same for all
     lead = max(leads, key=lambda one: one.ndim > 0, default=None)
-    runs: list[xr.DataArray] = []
-    valids: list[xr.DataArray] = []
+    runs, valids = list[xr.DataArray](), list[xr.DataArray]()
     by_name = {str(one.name): one for one in stamps}
     for key, one in by_name.items():
         named = one.attrs.get("standard_name")
@@ -459,11 +423,8 @@ def _roles(
         (runs if of_run else valids).append(one)
     if naming.time:
         if naming.time not in by_name:
-            raise InputError(
-                "no such time",
-                field=f"time: {naming.time}",
-                found="times " + (", ".join(by_name) or "none"),
-            )
+            seen = "times " + (", ".join(by_name) or "none")
+            raise InputError("no such time", field=f"time: {naming.time}", found=seen)
         chosen = by_name[naming.time]
         if lead is not None and set(lead.dims) - set(chosen.dims):
             return None, chosen, lead
@@ -480,15 +441,11 @@ def _one_of(found: list[xr.DataArray], name: str) -> xr.DataArray | None:
         lambda one: one.name in one.dims,
         lambda one: one.ndim == most,
     ):
-        if len(found) > 1:
-            found = [one for one in found if test(one)] or found
+        found = [one for one in found if test(one)] or found
     if len(found) > 1:
-        raise InputError(
-            "two candidates for the valid time",
-            field=name,
-            found=", ".join(str(one.name) for one in found),
-            remedy="Name one in the configuration as time: NAME",
-        )
+        remedy = "Name one in the configuration as time: NAME"
+        seen = ", ".join(str(one.name) for one in found)
+        raise InputError("two candidates for the valid time", field=name, found=seen, remedy=remedy)
     return found[0] if found else None
 
 

@@ -31,19 +31,12 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.damaged_netcdf import require_sound
-from airswing.reference.files import (
-    Reader,
-    SourceFile,
-    identify,
-    is_url,
-    kind_of,
-    local_path,
-)
+from airswing.reference.files import Reader, SourceFile, identify, is_url, kind_of, local_path
 from airswing.reference.grib.grid_sections import MAX_POINTS
 from airswing.reference.grib.headers import LENGTHS, GarbageError, single_fields, whole_messages
 from airswing.reference.gridded.naming import Naming, components
 from airswing.reference.gridded.wrf import is_wrf
-from airswing.reference.grids import Floats, Ints
+from airswing.reference.grids import Floats
 from airswing.reference.state import grib_statistic
 from airswing.reference.winds import GIVEN, PRESSURE, ModelTime, Request, StoredField, limits
 
@@ -73,11 +66,8 @@ def engine_of(path: str) -> str:
     except OSError as error:
         raise InputError("cannot be opened", file=path, found=error.strerror) from error
     if not kind:
-        raise InputError(
-            "neither GRIB nor NetCDF nor a Zarr store",
-            file=path,
-            remedy="Model winds come as GRIB, NetCDF, Zarr or wrfout",
-        )
+        remedy = "Model winds come as GRIB, NetCDF, Zarr or wrfout"
+        raise InputError("neither GRIB nor NetCDF nor a Zarr store", file=path, remedy=remedy)
     if kind != "netcdf":
         return kind
     return "wrf" if is_wrf(opened(identify(path), "netcdf")[0]) else "netcdf"
@@ -149,6 +139,8 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
     if engine == "wrf" or root.data_vars:
         return root
     groups = [g for g in groups if components(read(g), Naming())]
+    if not groups:
+        return root
     if len(groups) > 1:
         raise InputError(
             "winds in several groups of a NetCDF file",
@@ -157,8 +149,6 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
             remedy=f"Open one with xarray.open_dataset(path, group={groups[0]!r}) and give the "
             "Dataset",
         )
-    if not groups:
-        return root
     found = read(groups[0])
     found.encoding["airswing_copy"] = local
     outer = root.drop_vars([name for name in root.variables if name in found.variables])
@@ -203,21 +193,13 @@ def _cfgrib_datasets(file: SourceFile) -> list[xr.Dataset]:
             remedy="Ask the archive for a regular grid, or interpolate to one (cdo remapbil)",
         )
     if not parts and skipped:
-        raise InputError(
-            "cannot be opened as cfgrib",
-            file=file.path,
-            found="; ".join(f"{n:,} {what}: {why}" for (what, why), n in skipped.items()),
-        )
+        why = "; ".join(f"{n:,} {what}: {why}" for (what, why), n in skipped.items())
+        raise InputError("cannot be opened as cfgrib", file=file.path, found=why)
     found = []
     for number, (part, name, dims, shape, attrs, section) in enumerate(parts):
-        values = da.map_blocks(  # type: ignore[no-untyped-call]
-            _block,
-            file.path,
-            number,
-            dtype=np.float64,
-            chunks=(*((1,) * n for n in shape[:-2]), *((n,) for n in shape[-2:])),
-            meta=np.empty((0,) * len(shape)),
-        )
+        how: Any = {"dtype": np.float64, "meta": np.empty((0,) * len(shape))}
+        how["chunks"] = (*((1,) * n for n in shape[:-2]), *((n,) for n in shape[-2:]))
+        values = da.map_blocks(_block, file.path, number, **how)  # type: ignore[no-untyped-call]
         ds = part.assign({name: (dims, values, attrs)})
         ds.encoding[GRID] = section
         found.append(ds)
@@ -242,10 +224,9 @@ def _described(path: str) -> tuple[list[tuple[Any, ...]], Counter[tuple[str, str
     datasets, skipped, odd = _variables(path, os.stat(path).st_mtime_ns)
     parts = []
     for ds, section in datasets:
-        name = str(next(iter(ds.data_vars)))
-        one = ds[name]
-        dims = tuple(map(str, one.dims))
-        parts.append((ds.drop_vars(name).load(), name, dims, one.shape, dict(one.attrs), section))
+        ((name, one),) = ds.data_vars.items()
+        variable = str(name), tuple(map(str, one.dims)), one.shape, dict(one.attrs)
+        parts.append((ds.drop_vars(str(name)).load(), *variable, section))
     return parts, skipped, odd
 
 
@@ -312,9 +293,7 @@ def _variables(
 class _Piece(NamedTuple):
     """Request for the values of one field: where they are, and the array that takes them."""
 
-    at: dict[str, int]  # index along each dimension that is not rows or columns
-    j: Ints
-    i: Ints
+    at: dict[str, Any]  # index along each dimension but that of alternatives
     target: Floats
 
 
@@ -347,10 +326,12 @@ class DatasetReader(Reader):
                 key = (file, *(int(row[c]) for c in ("part", "offset", "index")), id(points))
                 if key not in seen:
                     seen[key] = np.zeros(points.shape)
-                    at = {dim: int(place) for dim, place in stored.places(row["index"]).items()}
-                    j, i = np.divmod(points, model.grids[min(int(row["kind"]), PRESSURE)].ni)
+                    rows = np.divmod(points, model.grids[min(int(row["kind"]), PRESSURE)].ni)
+                    at = stored.places(row["index"]) | dict(
+                        zip((stored.y, stored.x), rows, strict=True)
+                    )
                     chunk = file, int(row["part"]), stored, int(stored.chunk_numbers(row["index"]))
-                    pieces[chunk].append(_Piece(at, j, i, seen[key]))
+                    pieces[chunk].append(_Piece(at, seen[key]))
                 mine.append((row, stored, seen[key]))
             answers.append(mine)
         began = time.perf_counter()
@@ -378,27 +359,19 @@ class DatasetReader(Reader):
 
 def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> int:
     """Read the box around all pieces and add their values to the targets; bytes read."""
-    down, along = int(stored.stagger == "y"), int(stored.stagger == "x")
+    staggered = {"x": stored.x, "y": stored.y}.get(stored.stagger)
     box = {d: slice(0, size) for d, size in zip(stored.dims, stored.shape, strict=True)}
     for dim in pieces[0].at:
-        numbers = [piece.at[dim] for piece in pieces]
-        box[dim] = slice(min(numbers), max(numbers) + 1)
-    for dim, places, more in (
-        (stored.y, [piece.j for piece in pieces], down),
-        (stored.x, [piece.i for piece in pieces], along),
-    ):
-        low, high = min(int(p.min()) for p in places), max(int(p.max()) for p in places)
-        box[dim] = slice(low, high + 1 + more)
+        places = [piece.at[dim] for piece in pieces]
+        low, high = min(int(np.min(p)) for p in places), max(int(np.max(p)) for p in places)
+        box[dim] = slice(low, high + 1 + (dim == staggered))
     part = variable[tuple(box[d] for d in stored.dims)]
-    if part.chunks is not None:
-        values = np.asarray(part.data.compute(scheduler="synchronous"))
-    else:
-        values = np.asarray(part.values)
+    lazy = part.chunks is not None
+    values = np.asarray(part.data.compute(scheduler="synchronous") if lazy else part.values)
 
-    def taken(piece: _Piece, down: int, along: int) -> Floats:
-        place: dict[str, Ints | int] = {d: n - box[d].start for d, n in piece.at.items()}
-        place[stored.y] = piece.j - box[stored.y].start + down
-        place[stored.x] = piece.i - box[stored.x].start + along
+    def taken(piece: _Piece, more: int) -> Floats:
+        """Values at the points, or at the next ones along the staggered axis."""
+        place = {d: n - box[d].start + more * (d == staggered) for d, n in piece.at.items()}
         index = tuple(place.get(d, 0) for d in stored.dims if d != stored.either)
         if not stored.either:
             return np.asarray(values[index], dtype=np.float64)
@@ -410,9 +383,9 @@ def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> in
         return first
 
     for piece in pieces:
-        found = taken(piece, 0, 0)
-        if stored.stagger:  # points lie between: the mean of the two neighbours
-            found = 0.5 * found + 0.5 * taken(piece, down, along)
+        found = taken(piece, 0)
+        if staggered:  # points lie between: the mean of the two neighbours
+            found = 0.5 * found + 0.5 * taken(piece, 1)
         piece.target[...] += found
     return values.size * values.dtype.itemsize
 

@@ -1,12 +1,10 @@
 """All winds of Datasets as rows of a catalogue: one a component, level, time and member.
 
 Components known equally well on levels of one kind are refused: the configuration must name one.
-Isobaric levels are in units of pressure or its logarithm (``atmosphere_ln_pressure_coordinate``);
-without units a name of pressure levels counts if the values are levels of aircraft in hPa or Pa.
 The pressure of native levels is a variable on them, or ``a + b ps`` by the CF formula terms of
 hybrid (``ap, b, ps``; ``a, p0, b, ps``) and sigma levels (``a = (1 - sigma) ptop``), or by the half
 levels of a GRIB's pv section, of which a full level has the mean (Simmons and Burridge 1981). The
-surface pressure is that of the same time, lead, member and grid, with precedence for its logarithm.
+surface pressure is that of the same time, lead, member and grid.
 """
 
 from __future__ import annotations
@@ -112,20 +110,18 @@ class Gathering:
                     self._add_wrf(ds)
                 else:
                     self._add_dataset(ds)
-        except InputError as error:
+        except (InputError, *_FAULTS) as error:
             del self._rows[rows:], self.skipped[skipped:]
-            raise InputError(
-                error.what, file=path, field=error.field, found=error.found, remedy=error.remedy
-            ) from error
-        except _FAULTS as error:
-            del self._rows[rows:], self.skipped[skipped:]
-            raise InputError(
-                "cannot be understood",
-                file=path,
-                found=f"{type(error).__name__}: {' '.join(str(error).split())[:300]}",
-                remedy="Its attributes or coordinates contradict each other; their meaning can "
-                "be given under the reference",
-            ) from error
+            one: Any = error
+            if not isinstance(error, InputError):
+                one = InputError(
+                    "cannot be understood",
+                    found=f"{type(error).__name__}: {' '.join(str(error).split())[:300]}",
+                    remedy="Its attributes or coordinates contradict each other; their meaning can "
+                    "be given under the reference",
+                )
+            details = {"field": one.field, "found": one.found, "remedy": one.remedy}
+            raise InputError(one.what, file=path, **details) from error
 
     def table(self) -> Table:
         """All rows, with a pressure for each native level that has a formula."""
@@ -138,9 +134,8 @@ class Gathering:
                     found="variables " + ", ".join(sorted(self._variables)),
                 )
         for rows, along, why in self._rows:
-            if rows.size and rows["kind"][0] < PRESSURE:
-                for number in np.unique(rows["grid"]).tolist():
-                    self._along.setdefault(number, {})[along] = why
+            for number in np.unique(rows["grid"][rows["kind"] < PRESSURE]).tolist():
+                self._along.setdefault(number, {})[along] = why
         tables = [np.empty(0, dtype=ROW_DTYPE), *(rows for rows, _, _ in self._rows)]
         table = on_one_grid(np.concatenate(tables), list(self._grids))
         native = bool((table["level_kind"] != ISOBARIC).any())
@@ -181,12 +176,11 @@ class Gathering:
             known = self._along.get(number, {})
             why = ", ".join(dict.fromkeys(why for along, why in known.items() if along is not None))
             way = "along the grid" if self._is_along(number) else "to true east and north"
-            notes[
-                f"winds point {way} ({why})"
-                if why
-                else "direction of the winds not given: taken as along the grid, as models write "
+            note = (
+                "direction of the winds not given: taken as along the grid, as models write "
                 "them; give winds: earth if they point to true east and north"
-            ] = None
+            )
+            notes[f"winds point {way} ({why})" if why else note] = None
         return list(notes)
 
     def _skip(self, what: str, reason: str, count: int = 1) -> None:
@@ -244,15 +238,11 @@ class Gathering:
             elif short in ("sp", "lnsp"):
                 self._add_variable(ds, name, SURFACE, axes_of(ds, name, naming), None)
         if not candidates:
-            cells, speed = cell_dimension(ds), speed_only(ds)
-            if cells:
+            if cells := cell_dimension(ds):
                 raise unstructured(cells)
-            if speed:
-                raise InputError(
-                    "a wind speed without components",
-                    field=speed,
-                    remedy="Winds are needed as u and v",
-                )
+            if speed := speed_only(ds):
+                remedy = "Winds are needed as u and v"
+                raise InputError("a wind speed without components", field=speed, remedy=remedy)
 
     def _add_variable(
         self, ds: xr.Dataset, name: str, kind: int, axes: Axes, levels: Levels | None
@@ -262,12 +252,10 @@ class Gathering:
         outer = {d: int(ds.sizes[d]) for d in axes.outer if d not in levels_at}
         valid, lead = times_of(ds, name, outer, naming)
         member = np.zeros(valid.size, dtype=np.int64)
-        if axes.member:
-            # numbers as written, else counted from 0
-            numbers = np.arange(outer[axes.member])
-            if axes.member in ds.variables and ds[axes.member].dtype.kind in "iuf":
-                numbers = ds[axes.member].values.astype(np.int64)
-            member = spread(numbers, [axes.member], outer)
+        if axes.member:  # numbers as written, else (no coordinate, or no number) counted from 0
+            numbers = ds[axes.member].values
+            numbers = numbers if numbers.dtype.kind in "iuf" else np.arange(numbers.size)
+            member = spread(numbers.astype(np.int64), [axes.member], outer)
         wind = kind < PRESSURE
         written = naming.units.get(name, written_units(ds[name].attrs))
         # surface pressure without a unit of pressure is its logarithm, as spectral models write it
@@ -359,27 +347,13 @@ def _stored(
     plane: tuple[str, str],
     **how: Any,
 ) -> StoredField:
-    """How a variable is read: its dimensions, and the start of every chunk and the end along each.
-
-    Rows and columns count as one chunk: the box around the reports is read from them.
-    """
+    """How a variable is read: its dimensions, and the length of chunks along the outer ones."""
+    # netCDF files have the first, Zarr the second; a field in one piece is read by levels
+    written = one.encoding.get("chunksizes") or one.encoding.get("preferred_chunks") or {}
     if one.chunks is not None:
-        lengths = [tuple(sizes) for sizes in one.chunks]
-    else:
-        # netCDF files have the first, Zarr the second; a field in one piece is read by levels
-        written = one.encoding.get("chunksizes") or one.encoding.get("preferred_chunks") or ()
-        if isinstance(written, dict):
-            written = [written.get(d) or 1 for d in one.dims]
-        if len(written) != one.ndim:
-            written = [1] * one.ndim
-        lengths = [
-            (*(int(n),) * (size // int(n)), size % int(n)) if n else (size,)
-            for n, size in zip(written, one.shape, strict=True)
-        ]
-    chunks = []
-    for dim, size, sizes in zip(map(str, one.dims), one.shape, lengths, strict=True):
-        ends = np.cumsum([0, *(n for n in sizes if n)]).tolist()
-        chunks.append((0, size) if dim in plane else tuple(ends))
+        written = [max(sizes, default=1) for sizes in one.chunks]
+    if not isinstance(written, dict):
+        written = dict(zip(one.dims, written, strict=False))
     return StoredField(
         names=names,
         dims=tuple(map(str, one.dims)),
@@ -387,7 +361,7 @@ def _stored(
         y=plane[0],
         x=plane[1],
         shape=tuple(one.shape),
-        chunks=tuple(chunks),
+        chunks=tuple(int(written.get(d) or 1) for d in outer),
         **how,
     )
 
@@ -405,18 +379,19 @@ def _with_formula_pressures(table: Table) -> Table:
         return rest
     names = ["valid", "lead", "member", "grid"]
     # the first of several stored fields of one time is used
-    last = pd.DataFrame({c: surface[c] for c in names} | {"row": np.arange(surface.size)})
-    last = last.iloc[np.argsort(surface["offset"], kind="stable")].drop_duplicates(names)
-    row = pd.DataFrame({c: levels[c] for c in names}).merge(last, "left", names)["row"]
+    surface = surface[np.argsort(surface["offset"], kind="stable")]
+    first = pd.DataFrame(surface[names]).assign(row=np.arange(surface.size)).drop_duplicates(names)
+    row = pd.DataFrame(levels[names]).merge(first, "left", names)["row"]
     levels, made = levels[row.notna()], surface[row.dropna().astype(int)]
     for column in ("level", "level_kind", "a", "b"):
         made[column] = levels[column]
     made["kind"] = PRESSURE
     # levels that have a pressure field keep it
-    keys = [*names, "level"]
-    given = pd.MultiIndex.from_frame(pd.DataFrame(rest[rest["kind"] == PRESSURE][keys]))
-    made = made[~pd.MultiIndex.from_frame(pd.DataFrame(made[keys])).isin(given)]
-    return np.concatenate([rest, made])
+    given, of_made = (
+        pd.MultiIndex.from_frame(pd.DataFrame(one[[*names, "level"]]))
+        for one in (rest[rest["kind"] == PRESSURE], made)
+    )
+    return np.concatenate([rest, made[~of_made.isin(given)]])
 
 
 def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Naming) -> Levels:
@@ -448,15 +423,13 @@ def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Na
     native = any(word in kind or word in key.lower() for word in _NATIVE)
     described = f"{key} {level.attrs.get('long_name', '')}".replace("_", " ")
     if not native and not _RELATIVE.search(described):
-        factor = factor_of(units, "pressure")
+        factor, note = factor_of(units, "pressure"), ""
         if factor is None and str(units or "").strip() in _NO_UNITS and naming.pressure is None:
             factor = _factor_by_values(key, values)
             unit = "hPa" if factor == 100.0 else "Pa"
-            if factor is not None:
-                found = _isobaric(values * factor, key)
-                return found._replace(note=f"{key} has no units: taken as {unit} from its values")
+            note = f"{key} has no units: taken as {unit} from its values"
         if factor is not None:
-            return _isobaric(values * factor, key)
+            return _isobaric(values * factor, key)._replace(note=note)
     pv = ds[name].attrs.get("GRIB_pv", ())
     if np.size(pv) > 2:  # coefficients of half levels, the topmost first
         half, k = np.asarray(pv, dtype=np.float64).reshape(2, -1), values.astype(np.int64)
@@ -493,10 +466,8 @@ def _factor_by_values(key: str, values: Floats) -> float | None:
         return None
     low, high = float(values.min()), float(values.max())
     numbers = np.array_equal(np.sort(values), np.arange(low, low + values.size))
-    for factor in (100.0, 1.0):
-        if low > 0.0 and 20_000.0 <= high * factor <= 110_000.0 and not numbers:
-            return factor
-    return None
+    possible = (one for one in (100.0, 1.0) if 20_000.0 <= high * one <= 110_000.0)
+    return next(possible, None) if low > 0.0 and not numbers else None
 
 
 def _formula(
@@ -517,11 +488,8 @@ def _formula(
     else:
         a = _term(ds, terms, "a", None) * _term(ds, terms, "p0", "pressure")
     if a.shape != b.shape or b.shape != level.shape:
-        raise InputError(
-            "formula terms do not fit the levels",
-            field=str(level.name),
-            found=f"{a.size} and {b.size} coefficients of {level.size} levels",
-        )
+        seen = f"{a.size} and {b.size} coefficients of {level.size} levels"
+        raise InputError("formula terms do not fit the levels", field=str(level.name), found=seen)
     return a, b
 
 

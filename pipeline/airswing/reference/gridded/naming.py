@@ -60,9 +60,7 @@ class Naming:
     def named(self) -> list[tuple[str, str]]:
         """Keys that name variables or coordinates, and these names."""
         keys = [key for key in self.given() if key not in ("winds", "projection", "units")]
-        return [(key, getattr(self, key)) for key in keys] + [
-            ("units", name) for name in self.units
-        ]
+        return [*((key, getattr(self, key)) for key in keys), *(("units", n) for n in self.units)]
 
     def given(self) -> list[str]:
         """Keys that are given."""
@@ -119,14 +117,12 @@ def along_grid(one: xr.DataArray, naming: Naming) -> tuple[bool | None, str]:
     flag = one.attrs.get("GRIB_uvRelativeToGrid")
     if flag is not None:
         return bool(int(flag)), "the GRIB flag"
-    if any(str(key).startswith("GRIB_") for key in one.attrs):
-        return None, ""  # the standard_name of a decoder gives the parameter, not the direction
-    standard = str(one.attrs.get("standard_name", ""))
-    if standard in ALONG[0] | ALONG[1]:
-        return True, f"standard_name {standard}"
-    if standard in EARTH[0] | EARTH[1]:
-        return False, f"standard_name {standard}"
-    return None, ""
+    standard, along = str(one.attrs.get("standard_name", "")), ALONG[0] | ALONG[1]
+    # the standard_name of a GRIB decoder gives the parameter, not the direction
+    decoded = any(str(key).startswith("GRIB_") for key in one.attrs)
+    if decoded or standard not in EARTH[0] | EARTH[1] | along:
+        return None, ""
+    return standard in along, f"standard_name {standard}"
 
 
 def speed_only(ds: xr.Dataset) -> str:

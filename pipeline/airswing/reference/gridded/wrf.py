@@ -50,10 +50,8 @@ def layout_of(ds: xr.Dataset) -> Layout:
     winds = next((names for names in _WINDS if set(names) <= set(ds.variables)), None)
     if winds is None:
         absent = [name for name in ("U", "V") if name not in ds.variables]
-        raise InputError(
-            "WRF file without " + " and ".join(absent),
-            remedy="Keep U and V in WRF's output stream",
-        )
+        remedy = "Keep U and V in WRF's output stream"
+        raise InputError("WRF file without " + " and ".join(absent), remedy=remedy)
     level = str(ds[winds[0]].dims[-3])
     for name, (y, x) in zip(winds, ((Y, X + "_stag"), (Y + "_stag", X)), strict=True):
         if ds[name].dims[-2:] not in ((y, x), (Y, X)):
@@ -134,15 +132,13 @@ def grids_of_wrf(ds: xr.Dataset, count: int) -> list[Grid]:
     places = ds[[latitude, longitude, *angles]]
     if places[latitude].ndim == 2:
         return [_grid(places, places[latitude], places[longitude])] * count
-    first: dict[tuple[float, float], Grid] = {}
+    known: dict[tuple[float, float], Grid] = {}  # by the first point
     found: list[Grid] = []
     for number in range(count):
         here = places.isel({places[latitude].dims[0]: number})
         lat, lon = here[latitude], here[longitude]
         corner = float(lat[0, 0]), float(lon[0, 0])
-        if corner not in first:
-            first[corner] = _grid(here, lat, lon)
-        found.append(first[corner])
+        found.append(known.get(corner) or known.setdefault(corner, _grid(here, lat, lon)))
     return found
 
 
@@ -151,15 +147,12 @@ def _grid(ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray) -> Grid:
     if {"SINALPHA", "COSALPHA"} <= set(ds.variables):
         # WRF: u_e = cos u - sin v; the angle here turns the other way
         turned = np.asarray(np.arctan2(-_floats(ds["SINALPHA"]), _floats(ds["COSALPHA"])))
-    frame = _frame(ds)
+    frame, ends, apart = _frame(ds), [0, -1], 0.0
     grid = None if frame is None else _laid(frame, ds, lat, lon)
     if grid is not None and turned is not None:
-        ends = [0, -1]
         ours = grid.convergence(*(_floats(one[ends, ends]).ravel() for one in (lat, lon)))
-        theirs = turned[np.ix_(ends, ends)].ravel()
-        if np.abs(np.sin(ours - theirs)).max() >= _SAME_ANGLE:
-            grid = None
-    if grid is not None:
+        apart = np.abs(np.sin(ours - turned[np.ix_(ends, ends)].ravel())).max()
+    if grid is not None and apart < _SAME_ANGLE:
         return grid
     return PointsGrid(_floats(lat), _floats(lon), turned=turned, wind_along_grid=True)
 
@@ -193,18 +186,12 @@ def _frame(ds: xr.Dataset) -> Frame | None:
 
 def _laid(frame: Frame, ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray) -> AxesGrid | None:
     """The projection's grid through the first point; None if the corners differ."""
-    nj, ni = lat.shape
-    ends = np.array([0, -1])
-    corners = (
-        np.asarray([float(one[j, i]) for j, i in ((0, 0), (0, -1), (-1, 0), (-1, -1))])
-        for one in (lat, lon)
-    )
-    x, y = frame.xy(*corners)
+    (nj, ni), ends = lat.shape, np.array([0, -1])
+    x, y = frame.xy(*(_floats(one[ends, ends.tolist()]).ravel() for one in (lat, lon)))
     if frame.meridional:
         row, column = _floats(lon[0]), _floats(lat[:, 0])
         grid = AxesGrid(frame, np.unwrap(row, period=360.0), column, wind_along_grid=True)
-        lattice = np.meshgrid(row[ends], column[ends])
-        same = np.allclose(lattice[0].ravel(), _floats(lon[ends, ends.tolist()]).ravel(), atol=1e-3)
+        same = np.allclose([row[ends]] * 2, _floats(lon[ends, ends.tolist()]), atol=1e-3)
         return grid if same else None
     dx, dy = (float(np.ravel(ds.attrs[name])[0]) for name in ("DX", "DY"))
     grid = AxesGrid(

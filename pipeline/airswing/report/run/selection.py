@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from airswing.compass.correction import error_from_table
 from airswing.errors import InputError
-from airswing.evaluation.disagreement import member_mean
+from airswing.evaluation.innovations import member_mean
 from airswing.evaluation.resampling import cluster_sums, clustered_mean
 from airswing.flags import SCREENING, STATUS, is_corrected, published
 from airswing.physics.compass_deviation import deviation_basis
