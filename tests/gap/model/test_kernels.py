@@ -147,6 +147,7 @@ def curve(values, name="temperature"):
 def test_shapes_in_words():
     x = np.linspace(-58.0, 18.0, 20)
     assert shape_in_words(curve(0.05 * x)) == "linear in temperature: +0.05 degree per degC"
+    assert shape_in_words(curve(0 * x + 0.5)) == "a constant of +0.5 degree"
     assert "a step of +2 degree at temperature -20" in shape_in_words(curve(2.0 * (x > -20)))
     assert "a bump of +3 degree near temperature" in shape_in_words(curve(3.0 * (abs(x) < 4)))
     assert shape_in_words(curve(np.sin(x / 6.0))) is None

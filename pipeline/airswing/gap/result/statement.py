@@ -368,9 +368,11 @@ def shape_in_words(curve: CurveEntry) -> str | None:
     if curve.variables is None or curve.edges is None or len(curve.variables) != 1:
         return None
     name, unit = curve.variables[0], (curve.variable_units or [""])[0]
+    values, edges = np.asarray(curve.values, float), np.asarray(curve.edges[0], float)
+    if np.ptp(values) < 1e-6 * np.abs(values).max():
+        return f"a constant of {values[0]:+.3g} {curve.unit}"
     if KINDS[name][0] != "linear":
         return None
-    values, edges = np.asarray(curve.values, float), np.asarray(curve.edges[0], float)
     x = 0.5 * (edges[1:] + edges[:-1])
     total = float(((values - values.mean()) ** 2).sum())
     if values.size < 4 or total <= 0:

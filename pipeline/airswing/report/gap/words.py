@@ -286,7 +286,7 @@ def place_sentence(place: Entry, gap: Entry, *, units: Units = "kt") -> str:
     if place.get("nearest_effect"):
         share = 100 * number(place.get("nearest_effect_share"))
         nearest = plain_name(place["nearest_effect"])
-        details.append(f"no catalogue effect fits (closest: {nearest}, {share:.0f} %)")
+        details.append(f"closest catalogue effect: {nearest} ({share:.0f} % of the evidence)")
     return f"{text}{': ' if details else ''}{'; '.join(details)}."
 
 
