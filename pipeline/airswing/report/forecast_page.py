@@ -38,12 +38,28 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
     pairs = int(corrected["pair_count"].sel(period="all").sum())
     sizes = {"stations": "station", "leads": "lead", "starts": TIME}
     facts = [(f"{corrected.sizes[name]:,}", words) for words, name in sizes.items()]
+    parts: list[Markup] = []
+    show = html.Figures()
+    for variable in map(str, corrected["variable"].to_numpy()):
+        parts.append(html.heading(_plain(variable)))
+        if corrected.sizes["lead"] > 1:
+            parts.append(show("leads", _by_lead_figure(corrected, variable)))
+        # the station with the highest skill of the filter, or the first if none is known
+        gain = corrected["skill_by_station"].sel(variable=variable, correction="kalman")
+        place = int(np.argmax(gain.fillna(-np.inf).to_numpy()))
+        parts.append(show("series", _time_line_figure(corrected, variable, place)))
+        if corrected.sizes["station"] > 1:
+            parts.append(show("stations", _stations_figure(corrected, variable)))
     text = html.document(
         title="airswing: forecasts corrected by their past errors",
         kicker=f"Kalman-filter post-processing  ·  {first} to {last}",
         headline=forecast_headline(corrected),
         facts=[*facts, (f"{pairs:,}", "pairs")],
-        sections=[make(corrected) for make in (_scores_section, _figures_section, _notes_section)],
+        sections=[
+            _scores_section(corrected),
+            html.Section("figures", "Before and after", "", parts),
+            _notes_section(corrected),
+        ],
         footer=f"airswing {__version__}. Intervals are 95 %, by blocks of start days.",
     )
     return write_text(Path(directory) / "index.html", text)
@@ -85,22 +101,6 @@ def _scores_section(corrected: xr.Dataset) -> html.Section:
     doubt, words = [row["days"] == "all days" for row in rows], ("variable", "days", "forecast")
     scores = html.table(rows, words=words, caption=caption, doubt=doubt)
     return html.Section("scores", "Scores", lead, [scores])
-
-
-def _figures_section(corrected: xr.Dataset) -> html.Section:
-    parts: list[Markup] = []
-    show = html.Figures()
-    for variable in map(str, corrected["variable"].to_numpy()):
-        parts.append(html.heading(_plain(variable)))
-        if corrected.sizes["lead"] > 1:
-            parts.append(show("leads", _by_lead_figure(corrected, variable)))
-        # the station with the highest skill of the filter, or the first if none is known
-        gain = corrected["skill_by_station"].sel(variable=variable, correction="kalman")
-        place = int(np.argmax(gain.fillna(-np.inf).to_numpy()))
-        parts.append(show("series", _time_line_figure(corrected, variable, place)))
-        if corrected.sizes["station"] > 1:
-            parts.append(show("stations", _stations_figure(corrected, variable)))
-    return html.Section("figures", "Before and after", "", parts)
 
 
 def _notes_section(corrected: xr.Dataset) -> html.Section:

@@ -430,9 +430,8 @@ def _pit_figure(maps: xr.Dataset) -> Figure:
     axes.stairs(share, edges, fill=True, color=SKY, label="with the effects")
     axes.stairs(early, edges, color=ORANGE, linewidth=1.8, label="without")
     axes.axhline(1.0, color=INK, linewidth=0.9, label="perfect")
-    axes.set_ylim(bottom=0)
     label = "predicted probability of a value below the one reported"
-    axes.set(xlim=(0, 1), xlabel=label, ylabel="reports over expected")
+    axes.set(xlim=(0, 1), ylim=(0, None), xlabel=label, ylabel="reports over expected")
     figure.legend(loc="outside upper left", ncols=3)
     return figure.say(
         f"Calibration on held-out reports (n = {plural(after.sum(), 'wind component')}): flat if "

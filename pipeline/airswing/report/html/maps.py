@@ -126,9 +126,8 @@ def draw_map(axes: Axes, view: View, *, ticks: int = 6) -> None:
     """Draw the outline in a panel and set its limits, aspect and degree labels."""
     for name, look in _LAYERS.items():
         axes.add_collection(LineCollection(lines_in(view, name), zorder=1.5, **look), autolim=False)
-    axes.set_xlim(view.west, view.east)
-    axes.set_ylim(view.south, view.north)
-    axes.set_aspect(view.aspect)
+    limits = {"xlim": (view.west, view.east), "ylim": (view.south, view.north)}
+    axes.set(aspect=view.aspect, **limits)
     axes.grid(True, linewidth=0.4)
     for axis, most, ends in ((axes.xaxis, ticks, "EW"), (axes.yaxis, max(ticks - 1, 3), "NS")):
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 3, 5, 10]))

@@ -358,9 +358,21 @@ def swing_card(run: Run, aircraft: str) -> Figure:
     figure.text(0.08, 0.955, f"Compass deviation card  {aircraft}", fontsize=16, weight="bold")
     subtitle = "Magnetic compass, swung in flight. All angles in degrees."
     figure.text(0.08, 0.935, subtitle, color=SOFT)
-    facts = _facts(run, aircraft, fit)
-    _lines(figure, 0.08, 0.915, list(facts), SOFT)
-    _lines(figure, 0.22, 0.915, list(facts.values()), INK)
+    rows = selection.rows_of(run.headings, aircraft)
+    reports = run.headings[["time", "screening"]].isel(report=rows).load()
+    times = np.sort(reports["time"].to_numpy()[selection.used(reports)]).astype("M8[D]")
+    made = str(fit.attrs.get("history", "")).split("T")[0] or "-"
+    behind = [plural(int(fit[f"{name}_count"]), name) for name in ("report", "flight")]
+    facts = {
+        "Reference": f"{run.reference} (model winds)",
+        "Period": f"{' to '.join(map(str, times[[0, -1]])) if times.size else '-'} (UTC)",
+        "Reports": f"{' of '.join(behind)}, {int(fit['compass_points'])} of 8 compass points",
+        "Units": "degrees; headings magnetic, as indicated",
+        "Made": f"{made} with airswing {fit.attrs.get('airswing_version', __version__)}",
+    }
+    lines = Look(va="top", linespacing=1.5)
+    figure.text(0.08, 0.915, "\n".join(facts), color=SOFT, fontsize=9, **lines)
+    figure.text(0.22, 0.915, "\n".join(facts.values()), color=INK, fontsize=9, **lines)
     advice = "Load the table below."
     if selection.needs_no_correction(fit):
         advice = "No correction needed: the deviation is zero within its 95 % interval."
@@ -400,39 +412,13 @@ def swing_card(run: Run, aircraft: str) -> Figure:
         selection.FORMULA[2],
         run.bias_words.strip(),
     ]
-    _lines(figure, 0.08, 0.2, words, INK, fontsize=8)
-    for x, right, label in (
-        (0.08, 0.35, "Checked by"),
-        (0.39, 0.58, "Date"),
-        (0.62, 0.93, "Signature"),
-    ):
+    figure.text(0.08, 0.2, "\n".join(words), color=INK, fontsize=8, **lines)
+    blanks = {"Checked by": (0.08, 0.35), "Date": (0.39, 0.58), "Signature": (0.62, 0.93)}
+    for label, (x, right) in blanks.items():
         figure.text(x, 0.06, label, fontsize=8, color=SOFT)
         rule = matplotlib.lines.Line2D([x, right], [0.075, 0.075], color=INK, linewidth=0.8)
         figure.add_artist(rule)
     return figure
-
-
-def _facts(run: Run, aircraft: str, fit: xr.Dataset) -> dict[str, str]:
-    rows = selection.rows_of(run.headings, aircraft)
-    reports = run.headings[["time", "screening"]].isel(report=rows).load()
-    times = np.sort(reports["time"].to_numpy()[selection.used(reports)]).astype("M8[D]")
-    made = str(fit.attrs.get("history", "")).split("T")[0] or "-"
-    behind = [plural(int(fit[f"{name}_count"]), name) for name in ("report", "flight")]
-    points = f"{int(fit['compass_points'])} of 8 compass points"
-    return {
-        "Reference": f"{run.reference} (model winds)",
-        "Period": f"{' to '.join(map(str, times[[0, -1]])) if times.size else '-'} (UTC)",
-        "Reports": f"{' of '.join(behind)}, {points}",
-        "Units": "degrees; headings magnetic, as indicated",
-        "Made": f"{made} with airswing {fit.attrs.get('airswing_version', __version__)}",
-    }
-
-
-def _lines(
-    figure: Figure, x: float, top: float, lines: Sequence[str], color: str, *, fontsize: float = 9
-) -> None:
-    look = Look(color=color, fontsize=fontsize, va="top", linespacing=1.5)
-    figure.text(x, top, "\n".join(lines), **look)
 
 
 def _columns(axes: Axes, title: str, columns: list[tuple[float, str, list[str]]]) -> None:
