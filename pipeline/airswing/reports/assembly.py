@@ -343,8 +343,7 @@ def _average(columns: Columns, interval: float, audit: Audit) -> None:
 
 def _platform(columns: Columns, aircraft: int) -> NDArray[np.int8]:
     """Most frequent platform in an aircraft's reports; unknown if none names one."""
-    kinds = max(PLATFORM.values()) + 1
-    place = columns["tail"].astype(np.int64) * kinds + columns["platform"]
-    counts = np.bincount(place, minlength=aircraft * kinds).reshape(aircraft, kinds)
+    counts = np.zeros((aircraft, max(PLATFORM.values()) + 1), dtype=np.int64)
+    np.add.at(counts, (columns["tail"], columns["platform"]), 1)
     counts[:, PLATFORM["unknown"]] = 0
     return np.asarray(counts.argmax(axis=1), dtype=np.int8)

@@ -81,6 +81,7 @@ _MISTAKES: dict[str, _Mistakes] = {
     },
     "mach": {"values in percent": (0.01, 0.0), "values in thousandths": (1e-3, 0.0)},
 }
+_WIND = ("wind_speed", "wind_direction", "eastward_wind", "northward_wind")
 _ANGLES = ("wind_direction", "reported_heading", "magnetic_heading", "track")
 _KEPT = ("air_temperature", "reported_airspeed", "reported_heading")
 _FOR_DERIVED_WIND = ("magnetic_heading", "ground_speed", "track", "indicated_airspeed", "mach")
@@ -203,12 +204,7 @@ def _wind(raw: pd.DataFrame, audit: Audit) -> dict[str, Array]:
         northward = _number(raw, "northward_wind", audit)
         eastward[np.isnan(northward)] = northward[np.isnan(eastward)] = np.nan
         speed, direction = _speed_and_direction(eastward, northward)
-    return {
-        "wind_speed": speed,
-        "wind_direction": direction,
-        "eastward_wind": eastward,
-        "northward_wind": northward,
-    }
+    return dict(zip(_WIND, (speed, direction, eastward, northward), strict=True))
 
 
 def _speed_and_direction(eastward: Array, northward: Array) -> tuple[Array, Array]:
@@ -246,12 +242,7 @@ def _derive_wind(frame: pd.DataFrame, raw: pd.DataFrame, audit: Audit) -> None:
     audit.repair("derived_wind_out_of_range", np.count_nonzero(np.isfinite(eastward) & ~usable))
     derived = frame["eastward_wind"].isna().to_numpy() & usable
     audit.repair("wind_derived", np.count_nonzero(derived))
-    for name, wind in {
-        "eastward_wind": eastward,
-        "northward_wind": northward,
-        "wind_speed": speed,
-        "wind_direction": direction,
-    }.items():
+    for name, wind in zip(_WIND, (speed, direction, eastward, northward), strict=True):
         frame[name] = np.where(derived, wind, frame[name]).astype(np.float32)
     frame["reported_heading"] = heading.astype(np.float32)
     frame["reported_airspeed"] = airspeed.astype(np.float32)

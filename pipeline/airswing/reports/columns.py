@@ -155,12 +155,8 @@ def parse_mapping(columns: ColumnMapping | None) -> dict[str, Source]:
     for key, target in (columns or {}).items():
         name, variable, source = _mapped(str(key), target)
         if variable in mapping:
-            raise InputError(
-                f"two columns are mapped to {name}",
-                field="reports.columns",
-                found=f"{mapping[variable].column}, {key}",
-                remedy="Keep one of them",
-            )
+            what, both = f"two columns are mapped to {name}", f"{mapping[variable].column}, {key}"
+            raise InputError(what, field="reports.columns", found=both, remedy="Keep one of them")
         mapping[variable] = source
     return mapping
 
@@ -206,12 +202,9 @@ def _format(theirs: str, written: object) -> str:
     try:
         pd.to_datetime([""], format=str(written), errors="coerce")
     except ValueError as error:
-        raise InputError(
-            f"is not a time format: {error}",
-            field=f"reports.columns.{theirs}.format",
-            found=written,
-            remedy='Such as "%d.%m.%Y %H:%M"',
-        ) from error
+        what, field = f"is not a time format: {error}", f"reports.columns.{theirs}.format"
+        remedy = 'Such as "%d.%m.%Y %H:%M"'
+        raise InputError(what, field=field, found=written, remedy=remedy) from error
     return str(written)
 
 
@@ -232,12 +225,9 @@ def _resolve(theirs: str, name: str, unit: object = None) -> tuple[str, Source]:
         )
     quantity, unit = known[0], str(unit or known[1])
     if not compatible(unit, quantity.si_unit):
-        raise InputError(
-            f"{unit!r} is not a unit of {quantity.canonical}",
-            field=field,
-            found=unit,
-            remedy=f"Give a unit that converts to {quantity.si_unit!r}",
-        )
+        what = f"{unit!r} is not a unit of {quantity.canonical}"
+        remedy = f"Give a unit that converts to {quantity.si_unit!r}"
+        raise InputError(what, field=field, found=unit, remedy=remedy)
     return quantity.variable, Source(theirs, *conversion(unit, quantity.si_unit))
 
 

@@ -25,7 +25,6 @@ from airswing.reports.cleaning import FLAGS, clean
 from airswing.reports.columns import ONLY, ColumnMapping, Mapped, parse_mapping
 from airswing.reports.formats import damage_named, first_bytes, formats
 
-Format = str  # ``auto``, or the name of a registered format
 Policy = Literal["skip", "fail"]
 
 _UNPACK = "Unpack it first and name the files in it"
@@ -86,7 +85,7 @@ _NO_REPORTS = (
 
 
 def read_file(
-    path: str | Path, *, format: Format = "auto", columns: ColumnMapping | None = None
+    path: str | Path, *, format: str = "auto", columns: ColumnMapping | None = None
 ) -> tuple[pd.DataFrame, Audit]:
     """Read one report file to cleaned canonical columns; options as for :func:`read_reports`.
 
@@ -116,12 +115,9 @@ def read_file(
     for name in ("latitude", "longitude"):
         # A wrong unit leaves some values possible and wrong.
         if (dropped := audit.dropped[f"{name}_out_of_range"]) > 0.5 * audit.read:
-            raise InputError(
-                f"{dropped:,} of {audit.read:,} values are impossible{audit.likely(name)}",
-                file=path,
-                field=name,
-                remedy="Positions are in degrees north and east; map the column with its unit",
-            )
+            what = f"{dropped:,} of {audit.read:,} values are impossible{audit.likely(name)}"
+            remedy = "Positions are in degrees north and east; map the column with its unit"
+            raise InputError(what, file=path, field=name, remedy=remedy)
     if len(pieces) == 1:
         return pieces[0], audit
     labels = {
@@ -133,7 +129,7 @@ def read_file(
 def read_reports(
     files: str | Path | Sequence[str | Path],
     *,
-    format: Format = "auto",
+    format: str = "auto",
     columns: ColumnMapping | None = None,
     on_bad_file: Policy = "skip",
     interval: float = 0.0,
@@ -184,7 +180,7 @@ def read_reports(
 
 def _read_all(
     files: str | Path | Sequence[str | Path],
-    format: Format,
+    format: str,
     columns: ColumnMapping | None,
     on_bad_file: Policy,
 ) -> tuple[list[pd.DataFrame], Audit]:
@@ -301,12 +297,8 @@ def none_read(errors: list[InputError]) -> InputError:
 def _require_format(format: str) -> None:
     known = ("auto", *formats())
     if format not in known:
-        raise InputError(
-            "unknown report format",
-            field="reports.format",
-            found=format,
-            remedy=f"One of: {', '.join(known)}",
-        )
+        what, remedy = "unknown report format", f"One of: {', '.join(known)}"
+        raise InputError(what, field="reports.format", found=format, remedy=remedy)
 
 
 def _format_of(path: Path) -> str:

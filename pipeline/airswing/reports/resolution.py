@@ -39,13 +39,6 @@ DIRECTION_STEPS: Steps = tuple((step, 0.02 * step) for step in (10.0, 5.0, 1.0, 
 SHARE = 0.9  # least share of values on a lattice
 FEWEST = 5  # fewest values for a search of the step
 _MOST_REPORTS = 2000  # of an aircraft, evenly spread: far fewer suffice to find a step
-# Steps looked for, and the step of a fleet in which no aircraft has enough reports.
-_FIELDS: dict[str, tuple[Steps, float]] = {
-    "position_resolution": (POSITION_STEPS, 0.01),
-    "time_resolution": (TIME_STEPS, 60.0),
-    "wind_speed_resolution": (SPEED_STEPS, KNOT),
-    "wind_direction_resolution": (DIRECTION_STEPS, 1.0),
-}
 
 
 def lattice_step(values: Floats, group: Index, groups: int, steps: Steps) -> Floats:
@@ -60,27 +53,29 @@ def resolutions(columns: Columns, row_size: Index) -> dict[str, Floats]:
     place = np.arange(stride.size) - np.repeat(np.cumsum(row_size) - row_size, row_size)
     used = np.flatnonzero(place % np.maximum(stride, 1) == 0)
     group = columns["tail"][used]
-    latitude, longitude = columns["latitude"][used], columns["longitude"][used]
     # Time of day: every step in use divides a day.
     day = columns["time"] - columns["time"].astype("datetime64[D]")
-    values = {
-        "position_resolution": (np.concatenate([latitude, longitude]), np.tile(group, 2)),
-        "time_resolution": (day[used].astype("timedelta64[ns]").astype(np.int64) / 1e9, group),
-        "wind_speed_resolution": (columns["wind_speed"][used].astype(np.float64), group),
-        "wind_direction_resolution": (columns["wind_direction"][used].astype(np.float64), group),
-    }
+    seconds = day[used].astype("timedelta64[ns]").astype(np.int64) / 1e9
+    positions = np.concatenate([columns[name][used] for name in ("latitude", "longitude")])
     found: dict[str, Floats] = {}
-    for name, (steps, usual) in _FIELDS.items():
-        counts = _on_steps(*values[name], number, steps)
+    # Values, steps looked for, and the step of a fleet in which no aircraft has enough reports.
+    for name, values, steps, usual in (
+        ("position", positions, POSITION_STEPS, 0.01),
+        ("time", seconds, TIME_STEPS, 60.0),
+        ("wind_speed", columns["wind_speed"][used], SPEED_STEPS, KNOT),
+        ("wind_direction", columns["wind_direction"][used], DIRECTION_STEPS, 1.0),
+    ):
+        aircraft = np.resize(group, values.size)
+        counts = _on_steps(values.astype(np.float64), aircraft, number, steps)
         step = _coarsest(counts, steps, FEWEST)
-        if name == "time_resolution":
+        if name == "time":
             exact = _exact_clock(columns, step, number)
         if (absent := np.isnan(step)).any():
             # Where an aircraft has few reports, the most frequent step of the fleet is used.
             frequent, times = np.unique(step[~absent], return_counts=True)
             pooled = _coarsest(counts.sum(axis=0, keepdims=True), steps, 1)[0]
             step[absent] = frequent[np.argmax(times)] if frequent.size else min(pooled, usual)
-        found[name] = step
+        found[f"{name}_resolution"] = step
     found["time_resolution"] = np.where(exact, 1.0, found["time_resolution"])
     return found
 

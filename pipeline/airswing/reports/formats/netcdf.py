@@ -94,10 +94,8 @@ def _open_netcdf(path: Path) -> Iterator[netCDF4.Dataset]:
         for name, variable in file.variables.items():
             size = math.prod(variable.shape) * getattr(variable.dtype, "itemsize", 1)
             if size > most:
-                raise InputError(
-                    f"damaged: a variable of {size:,} bytes in a file of {path.stat().st_size:,}",
-                    field=name,
-                )
+                where = f"in a file of {path.stat().st_size:,}"
+                raise InputError(f"damaged: a variable of {size:,} bytes {where}", field=name)
         yield file
 
 
@@ -236,17 +234,11 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
         absent += [] if times is not None else ["dateTime"]
         absent += [] if found.keys() & {"pressure", "pressure_altitude"} else ["pressure"]
         if absent or times is None:
-            raise InputError(
-                "is an IODA file without a variable that is needed in MetaData",
-                field=", ".join(absent),
-                found=there,
-            )
+            what = "is an IODA file without a variable that is needed in MetaData"
+            raise InputError(what, field=", ".join(absent), found=there)
         if not found.keys() & {"eastward_wind", "air_temperature"}:
-            raise InputError(
-                "is an IODA file without winds or temperatures in ObsValue",
-                found=there,
-                remedy="Name a file of aircraft observations",
-            )
+            what = "is an IODA file without winds or temperatures in ObsValue"
+            raise InputError(what, found=there, remedy="Name a file of aircraft observations")
         raw: dict[str, object] = {ours: _numbers(v, _LARGEST_IODA) for ours, v in found.items()}
         if times.dtype is str or np.dtype(times.dtype).kind in "SU":
             raw["time"], raw["time_blank"] = parse_times(pd.Series(_strings(times), dtype=object))
