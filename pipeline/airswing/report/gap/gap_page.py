@@ -68,17 +68,31 @@ def write_gap_page(
         return [show(name, figures[name](), dpi=120) for name in names if name in figures]
 
     closure, factor = content["closure"], html.per_kt(units)
-    interval = html.range_text(closure.get("ci"), factor=factor) or " (no interval from one day)"
-    before, after = (amount(closure[at], factor=factor, unit=units) for at in ("before", "after"))
+    before, after = number(closure["before"]), number(closure["after"])
+    interval, reduction = (
+        html.range_text(closure.get(name), factor=factor) for name in ("ci", "reduction_ci")
+    )
+    facts = [(f"{factor * before:.2f} {units}", "disagreement of reports and simulation")]
+    if content["effects"] or content["unknown"]["where"]:
+        facts = [
+            (words.levels_text(before, after, units=units), f"with the effects found{interval}"),
+            (closure_text(closure, units=units).split(" (")[0], f"reduction{reduction}"),
+        ]
+    floor = number(content["gap"].get("noise_floor_kt"))
+    if math.isfinite(floor):
+        facts.append((f"{factor * floor:.2f} {units}", "noise floor"))
+    p_value = p_text(content["gap"].get("significance")).removeprefix("= ")
+    first, last = (amount(value, factor=factor, unit=units) for value in (before, after))
     closes = (
         f"On {'held-out' if closure.get('held_out') else 'the same'} flights the disagreement is "
-        f"{before} without and {after}{interval} with all effects stated."
+        f"{first} without and {last}{interval or ' (no interval from one day)'} with all effects "
+        "stated."
     )
     text = html.document(
         title="airswing: the sim-to-real gap",
         kicker="Gap between real and simulated reports",
         headline=words.headline(content, units=units),
-        facts=_facts(content, units),
+        facts=[*facts, (p_value, "p value of the gap")],
         sections=[
             _what_section(content, drawn, units),
             html.Section("closure", "How far the gap closes", "", [*drawn("waterfall"), closes]),
@@ -92,25 +106,6 @@ def write_gap_page(
         "intervals. Map outline: Natural Earth and US Census Bureau, public domain.",
     )
     return write_text(directory / "index.html", text)
-
-
-def _facts(gap: Entry, units: Units) -> list[tuple[str, str]]:
-    closure, factor = gap["closure"], html.per_kt(units)
-    before, after = number(closure["before"]), number(closure["after"])
-    facts = [(f"{factor * before:.2f} {units}", "disagreement of reports and simulation")]
-    if gap["effects"] or gap["unknown"]["where"]:
-        interval, reduction = (
-            html.range_text(closure.get(name), factor=factor) for name in ("ci", "reduction_ci")
-        )
-        facts = [
-            (words.levels_text(before, after, units=units), f"with the effects found{interval}"),
-            (closure_text(closure, units=units).split(" (")[0], f"reduction{reduction}"),
-        ]
-    floor = number(gap["gap"].get("noise_floor_kt"))
-    if math.isfinite(floor):
-        facts.append((f"{factor * floor:.2f} {units}", "noise floor"))
-    p_value = p_text(gap["gap"].get("significance")).removeprefix("= ")
-    return [*facts, (p_value, "p value of the gap")]
 
 
 def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
