@@ -21,7 +21,7 @@ from airswing.blind_check.summary import case_table, summary_table
 from airswing.cli import app
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE, Parameter, register, separated_by, unregister
-from airswing.gap.effects.base import DEGREE, HeadingEffect, ProportionalEffect
+from airswing.gap.effects.base import HeadingEffect, ProportionalEffect
 from airswing.gap.simulation.effects_file import read_effects
 from airswing.gap.simulation.forward import remove_effects
 from airswing.report.gap.gap_page import write_gap_page
@@ -166,9 +166,7 @@ class ColdSoak(ProportionalEffect, HeadingEffect):
     distinguished_by: ClassVar[Mapping[str, str]] = {"compass_offset": "flights in warm air"}
     physics = "The sensor's housing turns in its mount as it cools."
     source = "Made for this test."
-    parameters = (
-        Parameter("rate_deg", "degree", 0.5, "per 10 K below freezing", required=True, si=DEGREE),
-    )
+    parameters = (Parameter("rate_deg", "degree", 0.5, "per 10 K below freezing", required=True),)
     needs = ("magnetic_heading", "temperature")
     column_names = ("rate",)
 

@@ -29,7 +29,7 @@ exchanged identifiers, are not removed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -59,24 +59,8 @@ from airswing.physics.robust_spread import robust_sd
 from airswing.physics.triangle import wrap_degrees
 from airswing.units import KNOT, NORMAL_95
 
-#: Limits of practical size: misfit of the autocovariance as a share of the variance; deviation of
-#: the whitened spread from 1; deviation of a PIT bin from its share; correlation of neighbours;
-#: area under the classifier's curve; share of gross errors; noise factor of daily scores.
-MISFIT, SPREAD, PIT, LAG_ONE, AUC, GROSS, FACTOR = 0.1, 0.1, 0.25, 0.1, 0.6, 0.02, 2.0
 Options = Mapping[str, Any]  # a section of the configuration as keyword arguments
 _SIDES = ("eastward", "northward")
-#: Share of common energy from which two effects are listed as aliases.
-LISTED = 0.8
-#: Bins of the PIT histogram.
-BINS = 20
-#: Parts of the flights for the cross-validation of the classifier.
-PARTS = 4
-#: Prior standard deviation of the placebo's coefficients, that of a deviation, rad.
-PLACEBO_PRIOR = np.radians(2.0)
-#: Placebos over which the reduction is averaged.
-PLACEBO_DRAWS = 4
-#: Reduction by a placebo that counts as none, kt.
-NEGLIGIBLE_KT = 0.01
 
 
 def run_checks(
@@ -106,7 +90,7 @@ def run_checks(
         "assumptions": _assumptions(noise, model.kappa, after, pit_after, placebo),
     }
     return fields, {
-        "pit_bin": ("pit_bin", np.arange(BINS) / BINS),
+        "pit_bin": ("pit_bin", np.arange(pit_after.size) / pit_after.size),
         "pit_count": ("pit_bin", pit_after.astype(np.int32)),
         "pit_count_before": ("pit_bin", pit_before.astype(np.int32)),
     }
@@ -130,7 +114,7 @@ def _assumptions(
             f"{100 * bin_error:.0f} %, CRPS {after.crps_m_s:.2f} m/s "
             f"({after.crps_expected_m_s:.2f} m/s expected)"
         )
-        calibrated = abs(after.spread - 1) < SPREAD and bin_error < PIT
+        calibrated = abs(after.spread - 1) < 0.1 and bin_error < 0.25
     neighbours, classifier = "too few neighbours", "too few flights"
     if np.isfinite(after.lag_one):
         neighbours = f"{after.lag_one:.3f} ± {NORMAL_95 * after.lag_one_standard_error:.3f}"
@@ -145,7 +129,7 @@ def _assumptions(
             "the correlation of errors along a flight follows the noise model",
             "autocovariance against distance",
             correlation,
-            bool(worst < MISFIT),
+            bool(worst < 0.1),
         ),
         AssumptionEntry(
             "the error predicted for a report has the right size and shape",
@@ -157,25 +141,25 @@ def _assumptions(
             "neighbours on a flight are independent after whitening",
             "correlation of whitened held-out residuals at lag 1",
             neighbours,
-            bool(abs(after.lag_one) < LAG_ONE),
+            bool(abs(after.lag_one) < 0.1),
         ),
         AssumptionEntry(
             "real flights cannot be distinguished from flights of the improved simulation",
             "linear classifier, evaluated on flights on which it was not trained",
             classifier,
-            bool(after.auc < AUC),
+            bool(after.auc < 0.6),
         ),
         AssumptionEntry(
             "gross errors are few and do not influence the fit",
             "reports that differ from both neighbours by five standard deviations",
             f"{100 * gross:.2f} % set aside",
-            gross < GROSS,
+            gross < 0.02,
         ),
         AssumptionEntry(
             "days are independent enough",
             "scatter of daily scores over that of independent reports",
             f"factor {kappa:.1f}, by which the noise variance is multiplied",
-            kappa < FACTOR,
+            kappa < 2.0,
         ),
         AssumptionEntry(
             "an effect that cannot exist closes nothing on held-out flights",
@@ -189,7 +173,7 @@ def _assumptions(
 
 # ------------------------------------------------------------------------------------- aliases
 def aliases(fitted: Fitted) -> list[AliasEntry]:
-    """List pairs of effects whose whitened columns share energy on these flights, largest first.
+    """List pairs of effects whose whitened columns share 80 % of their energy, largest first.
 
     The shared energy of an effect is tr(T' G_12 G_22^-1 G_21 T) / tr(T' G_11 T) over the aircraft
     of the effect; day fields are eliminated and the climatology is projected out.
@@ -210,23 +194,18 @@ def aliases(fitted: Fitted) -> list[AliasEntry]:
             if not group.named or group.dated or group.name == term.group.name:
                 continue
             other = whitened(group)
-            rows = [sums.rows_of(a) for a in term.tails]
-            energy = sum(_shared_energy(columns[part], other[part]) for part in rows)
+            energy = 0.0
+            for part in (sums.rows_of(a) for a in term.tails):
+                gram, cross = other[part].T @ other[part], other[part].T @ columns[part]
+                ridge = (1e-6 * np.trace(gram) + 1e-12) * np.eye(len(gram))
+                energy += float((cross * np.linalg.solve(gram + ridge, cross)).sum())
             key = (term.group.name, group.name)
             shares[key] = max(energy / total, shares.get(key, 0.0))
     return [
         AliasEntry(effect, other, float(share), separated_by(effect, other))
         for (effect, other), share in sorted(shares.items(), key=lambda item: -item[1])
-        if share >= LISTED
+        if share >= 0.8
     ]
-
-
-def _shared_energy(columns: Floats, other: Floats) -> float:
-    if not columns.size:
-        return 0.0
-    gram, cross = other.T @ other, other.T @ columns
-    ridge = (1e-6 * np.trace(gram) + 1e-12) * np.eye(len(gram))
-    return float((cross * np.linalg.solve(gram + ridge, cross)).sum())
 
 
 # --------------------------------------------------------------------------------- calibration
@@ -237,7 +216,7 @@ def calibrate(
 
     Where the prediction is correct the CRPS has its expectation (m s-1), the whitened residual the
     standard deviation 1, neighbours the correlation 0, and the area under the curve of the
-    classifier is 0.5. Also returns the PIT histogram, (BINS,).
+    classifier is 0.5. Also returns the PIT histogram, (20,).
     """
     rng = np.random.default_rng(seed)
     real = np.asarray(whiten(residual, noise.order, noise.gains))
@@ -252,7 +231,8 @@ def calibrate(
     # in standard deviations; with the uniform probability integral transform
     probability = norm.cdf(values)
     score = values * (2 * probability - 1) + 2 * norm.pdf(values) - 1 / np.sqrt(np.pi)
-    where = np.clip((probability * BINS).astype(np.int64), 0, BINS - 1)
+    bins = 20
+    where = np.clip((probability * bins).astype(np.int64), 0, bins - 1)
     entry = CalibrationEntry(
         crps_m_s=float((sd[:, None] * score).mean()),
         crps_expected_m_s=float(sd.mean() / np.sqrt(np.pi)),
@@ -262,7 +242,7 @@ def calibrate(
         auc=auc,
         auc_standard_error=auc_error,
     )
-    return entry, np.bincount(where.ravel(), minlength=BINS)
+    return entry, np.bincount(where.ravel(), minlength=bins)
 
 
 def lag_one(
@@ -318,11 +298,12 @@ def two_sample(real: Floats, simulated: Floats, rng: np.random.Generator) -> tup
     than 8 flights in a part.
     """
     number = real.shape[0]
-    if number < 8 * PARTS:
+    parts = 4
+    if number < 8 * parts:
         return float("nan"), float("nan")
-    part = rng.permutation(np.arange(number) % PARTS)
+    part = rng.permutation(np.arange(number) % parts)
     areas = []
-    for p in range(PARTS):
+    for p in range(parts):
         weights = _discriminant(real[part != p], simulated[part != p])
         first, second = (sample[part == p] @ weights for sample in (real, simulated))
         # the probability that a value of the first sample exceeds one of the second
@@ -353,21 +334,21 @@ def fit_placebo(
     rng = np.random.default_rng(seed)
     target = np.asarray(whiten(residual, noise.order, noise.gains))
     before = np.hypot(*residual.T)
-    fitted, held_out = np.zeros((2, frame.size))
-    for _ in range(PLACEBO_DRAWS):
+    draws, (fitted, held_out) = 4, np.zeros((2, frame.size))
+    for _ in range(draws):
         columns = placebo_columns(frame, rng)
         white = np.asarray(whiten(columns, noise.order, noise.gains))
         errors = placebo_errors(columns, white, target, frame.aircraft, fold)
         for total, error in zip((fitted, held_out), errors, strict=True):
-            total += (before - np.hypot(*(residual - error).T)) / PLACEBO_DRAWS
+            total += (before - np.hypot(*(residual - error).T)) / draws
     low, high = day_interval(held_out / KNOT, day, seed)
     reduction = float(held_out.mean()) / KNOT
     return PlaceboEntry(
         reduction_kt=reduction,
         reduction_ci_kt=[low, high],
         reduction_where_fitted_kt=float(fitted.mean()) / KNOT,
-        draws=PLACEBO_DRAWS,
-        closes_nothing=low <= 0.0 or reduction < NEGLIGIBLE_KT,
+        draws=draws,
+        closes_nothing=low <= 0.0 or reduction < 0.01,
     )
 
 
@@ -399,7 +380,7 @@ def placebo_errors(
     score, gram = np.zeros((fleet, folds, k)), np.zeros((fleet, folds, k, k))
     np.add.at(score, (aircraft, fold), np.einsum("nci,nc->ni", white, target))
     np.add.at(gram, (aircraft, fold), np.einsum("nci,ncj->nij", white, white))
-    ridge = np.eye(k) / PLACEBO_PRIOR**2
+    ridge = np.eye(k) / np.radians(2.0) ** 2  # prior of a deviation
     all_score, all_gram = score.sum(axis=1, keepdims=True), gram.sum(axis=1, keepdims=True)
     everything = np.linalg.solve(all_gram + ridge, all_score[..., None])[:, 0, :, 0]
     others = np.linalg.solve(all_gram - gram + ridge, (all_score - score)[..., None])[..., 0]
@@ -477,10 +458,18 @@ def review_claims(
     )
     fits = compared_fits(before, after)
     judged = [entry.stays for entry in fits if entry.stays is not None]
-    test = None
-    if field_test is not None:
-        test = _field_tests(headings, adjusted, members, reference, field_test)
-    return ClaimsEntry(names, fits, stay=sum(judged), of=len(judged), field_test=test)
+    claims = ClaimsEntry(names, fits, stay=sum(judged), of=len(judged))
+    if field_test is None:
+        return claims
+    from airswing.evaluation import field_test as evaluation
+
+    first, second = (
+        evaluation.field_test(part, pools={reference: members}, reference=reference, **field_test)
+        for part in (headings, adjusted)
+    )
+    low, high = (float(end) for end in first["adjusted_reduction_ci_kt"])
+    now, then = (float(test["adjusted_reduction_kt"]) for test in (second, first))
+    return replace(claims, field_test=FieldTestEntry(then, [low, high], now, low <= now <= high))
 
 
 def compared_fits(before: xr.Dataset, after: xr.Dataset) -> list[FitEntry]:
@@ -502,26 +491,3 @@ def compared_fits(before: xr.Dataset, after: xr.Dataset) -> list[FitEntry]:
         trusted = int(first["status"]) == 0 and int(second["status"]) == 0
         entries.append(FitEntry(str(tail), **numbers, stays=bool(stays) if trusted else None))
     return entries
-
-
-def _field_tests(
-    headings: xr.Dataset,
-    adjusted: xr.Dataset,
-    members: Sequence[str],
-    reference: str,
-    options: Options,
-) -> FieldTestEntry:
-    from airswing.evaluation.field_test import field_test
-
-    before, after = (
-        field_test(part, pools={reference: list(members)}, reference=reference, **options)
-        for part in (headings, adjusted)
-    )
-    low, high = before["adjusted_reduction_ci_kt"]
-    value = float(after["adjusted_reduction_kt"])
-    return FieldTestEntry(
-        reduction_kt=float(before["adjusted_reduction_kt"]),
-        reduction_ci_kt=[float(low), float(high)],
-        reduction_kt_after=value,
-        stays=bool(low <= value <= high),
-    )

@@ -41,9 +41,6 @@ from airswing.physics.splines import hats
 from airswing.physics.triangle import wrap_signed
 from airswing.units import DAY
 
-#: Error of a heading from which on a column tells nothing, rad.
-WIDEST = float(np.radians(90.0))
-
 
 def exogenous(frame: Frame) -> Frame:
     """Frame whose heading and airspeed may be used in design columns.
@@ -76,9 +73,7 @@ def _large_scale(frame: Frame) -> tuple[Floats, Floats]:
 
     The fit and its derivative by ln p at the reports, each (n, 2), m s-1.
     """
-    places = (frame.longitude, frame.latitude, np.log(frame.pressure))
-    spread = [v.std() if v.std() > 0 else 1.0 for v in places]
-    x, y, z = (np.clip((v - v.mean()) / s, -3, 3) for v, s in zip(places, spread, strict=True))
+    x, y, z = _places(frame)
     hour = np.mod(frame.time / DAY, 1.0) - 0.5
     one, none = np.ones_like(x), np.zeros_like(x)
     terms = [one, x, y, z, z * z, z**3, x * z, y * z, hour, hour * z, x * x, y * y, x * y]
@@ -86,6 +81,7 @@ def _large_scale(frame: Frame) -> tuple[Floats, Floats]:
     design, slopes = np.stack(terms, -1), np.stack(rates, -1)
     wind = np.stack([frame.u_rep, frame.v_rep], -1)
     fit, shear = np.empty_like(wind), np.empty_like(wind)
+    spread = np.log(frame.pressure).std() or 1.0  # of a unit of z
     # two reports' worth on all but the constant: a day with few keeps its mean wind
     ridge = 2.0 * np.diag(np.arange(len(terms)) > 0) + 1e-6 * np.eye(len(terms))
     day = np.floor((frame.time - frame.epoch) / DAY)
@@ -93,7 +89,7 @@ def _large_scale(frame: Frame) -> tuple[Floats, Floats]:
         index = np.flatnonzero(day == one_day)
         rows = design[index]
         found = np.linalg.solve(rows.T @ rows + ridge, rows.T @ wind[index])
-        fit[index], shear[index] = rows @ found, slopes[index] @ found / spread[2]
+        fit[index], shear[index] = rows @ found, slopes[index] @ found / spread
     return fit, shear
 
 
@@ -184,7 +180,6 @@ def _places(frame: Frame) -> list[Floats]:
 
 
 def _by_component(terms: Floats) -> Floats:
-    """(n, k) factors to (n, 2, 2 k) columns: u first, then v."""
     n, k = terms.shape
     out = np.zeros((n, 2, 2 * k))
     out[:, 0, :k] = terms
@@ -229,7 +224,8 @@ def heading_doubt(frame: Frame, columns_frame: Frame) -> Floats:
     squared = wrap_signed(columns_frame.heading - implied) ** 2
     count = np.maximum(np.bincount(frame.aircraft, minlength=len(frame.tails)), 1)
     deviation = np.sqrt(np.bincount(frame.aircraft, squared, minlength=len(frame.tails)) / count)
-    off = np.minimum(np.nan_to_num(frame.heading_error), WIDEST)
+    # a heading that is off by more than a right angle says nothing
+    off = np.minimum(np.nan_to_num(frame.heading_error), np.radians(90.0))
     steps = np.array([one.step if one else 0.0 for one in heading_lattices(frame)])
     rounding = _lasting_rounding(frame, columns_frame.heading, np.radians(steps)[frame.aircraft])
     near_turns = deviation[frame.aircraft] * off

@@ -30,11 +30,6 @@ from airswing.gap.result.report import assemble, diagnosis_dataset
 from airswing.gap.result.schema import ClosesEntry, EffectEntry, GapReport, PlaceEntry
 from airswing.gap.result.statement import by_member, claims_of, effect_entry
 
-#: Steps of an offset of the reference's time, whose winds are known an hour before and after the
-#: reports, and the step (h) from which the second order is near enough.
-TIME_OFFSET, ROUNDS, CLOSE = "reference_time_offset", 5, 0.5
-#: Log evidence from which an effect that shows in no mean is stated: odds of a thousand.
-STATED = 7.0
 Progress = Callable[[str, float], None]
 
 
@@ -191,9 +186,9 @@ def attributed(
 def _effects_against(
     reference: str, names: Sequence[str], frame_against: Callable[[str, float], Frame], seed: int
 ) -> list[EffectEntry]:
-    """Entries of effects against one reference; an offset of its time is found in steps."""
-    offset, entries = 0.0, dict[str, EffectEntry]()
-    for _ in range(ROUNDS):
+    offset, entries, of_time = 0.0, dict[str, EffectEntry](), "reference_time_offset"
+    # the winds are known an hour before and after the reports: five steps of an hour or two
+    for _ in range(5):
         frame = frame_against(reference, offset)
         effects, _untestable = usable_effects(frame, {name: CATALOGUE[name] for name in names})
         fitted = fit_model(frame, effects, tables=False, exchanges=False, seed=seed)
@@ -202,12 +197,12 @@ def _effects_against(
             for claim in claims_of(fitted.terms)
         }
         entries = entries | found
-        if TIME_OFFSET not in found:
+        if of_time not in found:
             break
-        step = number(found[TIME_OFFSET].parameters["offset_h"])
+        step = number(found[of_time].parameters["offset_h"])
         offset += step
-        entries[TIME_OFFSET] = replace(found[TIME_OFFSET], parameters={"offset_h": offset})
-        if abs(step) < CLOSE:
+        entries[of_time] = replace(found[of_time], parameters={"offset_h": offset})
+        if abs(step) < 0.5:  # the second order is near enough
             break
     return list(entries.values())
 
@@ -215,7 +210,6 @@ def _effects_against(
 def _unseen_in_means(
     fitted: Fitted, closure: Closure, catalogue: Mapping[str, Effect], dictionary: bool, seed: int
 ) -> list[EffectEntry | PlaceEntry]:
-    """What shows in no mean: effects with a name, winds sent otherwise, scatter."""
     frame, rest = fitted.frame, closure.residual
     # without what moves means: heavy tails of an effect are no gross errors
     gross = gross_errors(rest, fitted.noise.order)
@@ -223,7 +217,8 @@ def _unseen_in_means(
     out: list[EffectEntry | PlaceEntry] = []
     coded, erring = list[int](), list[int]()
     for one in found:
-        if one is None or one.name not in catalogue or one.evidence_nats < STATED:
+        # from odds of a thousand
+        if one is None or one.name not in catalogue or one.evidence_nats < 7.0:
             continue
         reduction, whose = reduction_of_coding, coded
         if one.name == "outliers":
@@ -244,20 +239,15 @@ def _unseen_in_means(
 def make_adjustment(fitted: Fitted, effects: Mapping[str, Effect]) -> Adjustment:
     """What removes the effects other than the deviation from the winds."""
     frame = fitted.frame
-    sensor, report, reference = (np.zeros((frame.size, 2)) for _ in range(3))
+    sensor, report, reference = np.zeros((3, frame.size, 2))
     names = []
     for k, term in enumerate(fitted.terms):
         name = term.group.name
-        if not term.group.named or effects[name].deviates:
-            continue
-        error = fitted.exact.effect(k)
-        if is_sensor(term, effects):
-            sensor += error
-        elif effects[name].scope == "reference":
-            reference += error
-        else:
-            report += error
-        names.append(name)
+        if term.group.named and not effects[name].deviates:
+            part = reference if effects[name].scope == "reference" else report
+            part = sensor if is_sensor(term, effects) else part
+            part += fitted.exact.effect(k)
+            names.append(name)
     change = -report
     if sensor.any():
         corrected, _, _ = without_errors(frame, sensor)

@@ -19,34 +19,18 @@ the leave-one-out errors).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from airswing.gap.archive.acceleration import SPHERE_RADIUS
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Booleans, Floats, Integers
+from airswing.gap.design import unit_vectors
 from airswing.physics.great_circle import central_angle
 from airswing.physics.robust_spread import robust_sd
-
-#: Columns of a report above which values are transposed for the recursion: numpy works on
-#: contiguous rows of many columns faster than on short stretches of every column.
-FEW_COLUMNS = 32
-#: Radius of the sphere on which the correlation length of the noise is defined, m.
-SPHERE_RADIUS = 6.371e6
-#: Reports on which the likelihood, which is evaluated about a hundred times, is maximised.
-LIKELIHOOD_REPORTS = 24_000
-#: Largest lag of the autocovariance, in reports of a flight.
-LARGEST_LAG = 30
-#: Number of levels with equal counts of reports.
-LEVELS = 5
-#: Ratio of the standard deviations along and across the heading from which they are modelled as
-#: different; errors of the reference are isotropic, those of a compass are across the heading.
-ANISOTROPIC = 1.1
-#: Distances at which the autocovariance along the flight is tabulated, m.
-DISTANCE_EDGES = np.array([0, 10, 25, 50, 75, 100, 150, 200, 300, 400, 600, 900]) * 1e3
 
 
 @dataclass(frozen=True)
@@ -212,7 +196,8 @@ def whiten_blocks(values: NDArray[np.floating], starts: Integers, gains: Gains) 
     """
     if gains.direction is not None:
         values[...] = gains.direction.scale(values)
-    transposed = values[..., :1].size > FEW_COLUMNS
+    # numpy works on contiguous rows of many columns faster than on short stretches of every column
+    transposed = values[..., :1].size > 32
     target = values
     if transposed:
         values = np.ascontiguousarray(values.reshape(-1, values.shape[-1]).T).T
@@ -331,27 +316,33 @@ def fit_noise(
     level = np.interp(log_pressure, nodes, factors)
     values = smooth / level[:, None]
     extra = np.zeros(level.size) if extra_sd is None else extra_sd / level
-    along, across = _direction_ratio(smooth[~gross], frame.heading[~gross])
-    if along != across:
+    sides = ((smooth * side)[~gross].sum(axis=1) for side in unit_vectors(frame.heading))
+    across, along = (max(robust_sd(part), 1e-9) for part in sides)
+    # errors of the reference are isotropic, those of a compass are across the heading
+    if max(along, across) < 1.1 * min(along, across):
+        along = across = 1.0
+    else:
+        mean = float(np.hypot(along, across) / np.sqrt(2.0))
+        along, across = along / mean, across / mean
         isotropic = DirectionFactors.from_heading(frame.heading, 1 / along, 1 / across)
         values = np.ascontiguousarray(isotropic.scale_reports(values))
-    chosen = _draw_flights(frame.flight, LIKELIHOOD_REPORTS, seed)
-    part_order = flight_order(frame.flight[chosen], frame.time[chosen])
+    # the likelihood is evaluated about a hundred times: on about 24,000 reports of whole flights
+    numbers, most = np.unique(frame.flight), 24_000
+    drawn = np.ones(numbers.size, bool)
+    if level.size > most:
+        drawn = np.random.default_rng(seed).random(numbers.size) < most / level.size
+    chosen = np.flatnonzero(drawn[np.searchsorted(numbers, frame.flight)])
+    flight, time, distance, step = (
+        part[chosen] for part in (frame.flight, frame.time, distance, step)
+    )
     signal, white, length, height = _maximise(
-        values[chosen], part_order, distance[chosen], step[chosen], ~gross[chosen], extra[chosen]
+        values[chosen], flight_order(flight, time), distance, step, ~gross[chosen], extra[chosen]
     )
     model = NoiseModel(signal, white, length, height, nodes, factors, along, across)
     gains = whitening_gains(model, order, frame, ~gross, extra_sd)
-    centre, covariance, correlation, pairs = autocovariance(
-        np.where(gross[chosen, None], 0.0, values[chosen]),
-        distance[chosen],
-        step[chosen],
-        part_order,
-        decay=model.decay,
-    )
-    fitted = model.correlated_sd**2 * correlation
-    fitted[0] = model.correlated_sd**2 + model.white_sd**2
-    return NoiseFit(model, order, gains, centre / 1e3, covariance, fitted, pairs, gross)
+    counted = np.where(gross[chosen, None], 0.0, values[chosen])
+    measured = _autocovariance(counted, distance, step, flight, time, model)
+    return NoiseFit(model, order, gains, *measured, gross)
 
 
 def whitening_gains(
@@ -371,15 +362,6 @@ def whitening_gains(
     )
     direction = model.direction_factors(frame.heading)
     return gains if direction is None else replace(gains, direction=direction.inverse)
-
-
-def _draw_flights(flight: NDArray[np.integer], most: int, seed: int) -> Integers:
-    """Return the reports of randomly drawn whole flights, about ``most`` of them."""
-    if flight.size <= most:
-        return np.arange(flight.size)
-    numbers = np.unique(flight)
-    kept = np.random.default_rng(seed).random(numbers.size) < most / flight.size
-    return np.flatnonzero(kept[np.searchsorted(numbers, flight)])
 
 
 def _maximise(
@@ -464,7 +446,16 @@ def remove_smooth_effects(
     out = residual.copy()
     for a in np.unique(aircraft):
         rows = np.flatnonzero(aircraft == a)
-        design = _smooth_columns(heading[rows], airspeed[rows])
+        # columns of a heading error of two cycles, an airspeed factor and a wind
+        sine, cosine = np.sin(heading[rows]), np.cos(heading[rows])
+        across, along = unit_vectors(heading[rows])
+        design = np.empty((8, rows.size, 2))
+        harmonics = [np.ones(rows.size), sine, cosine, 2.0 * sine * cosine, cosine**2 - sine**2]
+        design[:5] = np.stack(harmonics)[:, :, None] * across
+        design[5] = along
+        design[:6] *= airspeed[rows, None] / 100.0  # of the order of 1: a well-conditioned system
+        design[6], design[7] = (1.0, 0.0), (0.0, 1.0)
+        design = design.reshape(8, -1)
         values = residual[rows].ravel()
         # a wide bound: the scatter still includes the errors that vary with the heading
         bound = 8 * robust_sd(values) + 1e-12
@@ -475,27 +466,13 @@ def remove_smooth_effects(
     return out
 
 
-def _smooth_columns(heading: Floats, airspeed: Floats) -> Floats:
-    """Columns, (8, 2 n), of a heading error of two cycles, an airspeed factor and a wind."""
-    sine, cosine = np.sin(heading), np.cos(heading)
-    across, along = np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)
-    harmonics = np.stack(
-        [np.ones(heading.size), sine, cosine, 2.0 * sine * cosine, cosine**2 - sine**2]
-    )
-    out = np.empty((8, heading.size, 2))
-    out[:5] = harmonics[:, :, None] * across
-    out[5] = along
-    out[:6] *= airspeed[:, None] / 100.0  # of the order of 1, for a well-conditioned system
-    out[6], out[7] = (1.0, 0.0), (0.0, 1.0)
-    return out.reshape(8, -1)
-
-
 def level_factors(residual: Floats, log_pressure: Floats) -> tuple[Floats, Floats]:
     """Robust standard deviation by level relative to that of all reports.
 
     Returns the median ln p of each level, and its factor (mean square 1 over the reports).
     """
-    edges = np.unique(np.quantile(log_pressure, np.linspace(0, 1, LEVELS + 1)))
+    # five levels of equal counts
+    edges = np.unique(np.quantile(log_pressure, np.linspace(0, 1, 6)))
     if edges.size < 3:
         return np.array([float(np.median(log_pressure))]), np.ones(1)
     level = np.clip(np.searchsorted(edges, log_pressure, "right") - 1, 0, edges.size - 2)
@@ -507,54 +484,42 @@ def level_factors(residual: Floats, log_pressure: Floats) -> tuple[Floats, Float
     return centre, sd / np.sqrt(np.average(sd**2, weights=reports))
 
 
-def _direction_ratio(residual: Floats, heading: Floats) -> tuple[float, float]:
-    """Robust standard deviations along and across the heading, with mean square 1."""
-    unit = np.stack([np.sin(heading), np.cos(heading)], -1)
-    parts = (residual * unit).sum(axis=1), residual[:, 0] * unit[:, 1] - residual[:, 1] * unit[:, 0]
-    along, across = (max(robust_sd(part), 1e-9) for part in parts)
-    if max(along, across) < ANISOTROPIC * min(along, across):
-        return 1.0, 1.0
-    mean = float(np.hypot(along, across) / np.sqrt(2.0))
-    return along / mean, across / mean
-
-
-def autocovariance(
+def _autocovariance(
     residual: Floats,
     distance: Floats,
     step: Floats,
-    order: FlightOrder,
-    *,
-    decay: Callable[[Floats, Floats], Floats],
+    flight: Integers,
+    time: Floats,
+    model: NoiseModel,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Autocovariance along flights against distance, and a model's correlation.
+    """Autocovariance along flights against distance, of a residual (n, 2) and of its model.
 
-    ``distance`` (m) and ``step`` (absolute change of ln p) are those since the previous report. The
-    correlation ``decay`` is averaged over the pairs, most of which also changed level. Returns mean
-    distance (m), mean product of a component (m2 s-2), mean correlation and number of pairs, (m,)
-    each; the first is of distance zero.
+    ``distance`` (m) and ``step`` (of ln p) are those since the previous report. Returns the mean
+    distance (km), the mean product of a component, measured and of the model (m2 s-2), and the
+    number of pairs, (m,) each; the first is of distance zero. Most pairs also changed level: the
+    model is averaged over them.
     """
-    along, climbed = np.zeros((2, residual.shape[0]))
-    blocks = [order.index[a:b] for a, b in zip(order.starts[:-1], order.starts[1:], strict=True)]
-    for previous, now in neighbour_pairs(order):
-        along[now] = along[previous] + distance[now]
-        climbed[now] = climbed[previous] + step[now]
-    bins = DISTANCE_EDGES.size - 1
-    product, reach, correlation, pairs = np.zeros((4, bins + 1))
-    correlation[0] = pairs[0] = float(residual.shape[0])
-    product[0] = 0.5 * float((residual**2).sum())
-    for j in range(1, len(blocks)):
-        for lag in range(1, min(j, LARGEST_LAG) + 1):
-            now, last = blocks[j], blocks[j - lag][: blocks[j].size]
-            gap = along[now] - along[last]
-            where = np.searchsorted(DISTANCE_EDGES, gap, "right") - 1
-            inside = (where >= 0) & (where < bins)
-            columns = (
-                (product, 0.5 * (residual[now] * residual[last]).sum(axis=1)[inside]),
-                (correlation, decay(gap[inside], (climbed[now] - climbed[last])[inside])),
-                (reach, gap[inside]),
-                (pairs, np.ones(int(inside.sum()))),
-            )
-            for total, weights in columns:
-                total[1:] += np.bincount(where[inside], weights, minlength=bins)
+    rows = np.lexsort((time, flight))
+    along, climbed = (
+        np.cumsum(np.where(np.isfinite(one), one, 0.0)[rows]) for one in (distance, step)
+    )
+    residual, flight = residual[rows], flight[rows]
+    # pairs up to thirty reports apart
+    lags = [np.flatnonzero(flight[lag:] == flight[:-lag]) for lag in range(1, 31)]
+    before = np.concatenate(lags)
+    after = np.concatenate([one + lag for lag, one in enumerate(lags, 1)])
+    gap = along[after] - along[before]
+    edges = np.array([0, 10, 25, 50, 75, 100, 150, 200, 300, 400, 600, 900]) * 1e3
+    where = np.searchsorted(edges, gap, "right")
+    product = 0.5 * (residual[after] * residual[before]).sum(axis=1)
+    correlation = model.decay(gap, climbed[after] - climbed[before])
+    total, reach, covariance, fitted = (
+        np.bincount(where, values, minlength=edges.size + 1)[: edges.size]
+        for values in (np.ones(gap.size), gap / 1e3, product, correlation)
+    )
+    total[0], covariance[0] = residual.shape[0], 0.5 * (residual**2).sum()
+    fitted *= model.correlated_sd**2
     with np.errstate(invalid="ignore"):
-        return reach / pairs, product / pairs, correlation / pairs, pairs
+        reach, covariance, fitted = reach / total, covariance / total, fitted / total
+    fitted[0] = model.correlated_sd**2 + model.white_sd**2
+    return reach, covariance, fitted, total

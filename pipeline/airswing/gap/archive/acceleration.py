@@ -28,17 +28,12 @@ from airswing.physics.splines import hats
 
 Integers = NDArray[np.integer]
 
-#: Weights of a report and of its neighbours that invert, to second order, the difference of two
-#: chords, a mean under a triangle over one report to either side (variance 1/6).
-SHARPENING = (7.0 / 6.0, -1.0 / 12.0)
 #: Times after levelling off at which the acceleration is fitted, s; it is zero at the last.
 KNOTS = np.array([0.0, 20.0, 40.0, 65.0, 100.0, 150.0, 210.0])
-#: Weight of differences of the acceleration between knots, s (relative to speeds of 1 m/s).
-SMOOTH = 12.0
 #: Reports (climb, descent) and flights (levelling off) below which nothing is fitted.
 FEWEST = 50
-#: Chords in cruise used from each flight, and the sphere on which they are measured, m.
-CHORDS, SPHERE_RADIUS = 4, 6.371e6
+#: Radius of the sphere on which distances along flights are measured, m.
+SPHERE_RADIUS = 6.371e6
 
 
 def acceleration_at_reports(
@@ -84,7 +79,9 @@ def expected_acceleration(
     measured = np.nan_to_num(acceleration)
     out = measured.copy()
     linked = (flight[2:] == flight[1:-1]) & (flight[:-2] == flight[1:-1])
-    sharp = SHARPENING[0] * measured[1:-1] + SHARPENING[1] * (measured[2:] + measured[:-2])
+    # inverts, to second order, the difference of two chords: a mean under a triangle over one
+    # report to either side, of variance 1/6
+    sharp = 7.0 / 6.0 * measured[1:-1] - 1.0 / 12.0 * (measured[2:] + measured[:-2])
     out[1:-1][linked] = sharp[linked]
     # reports next to another phase include the change of speed between the phases
     inside = np.zeros(phase.size, bool)
@@ -111,7 +108,7 @@ def expected_acceleration(
 def time_since_levelling(
     time: Floats, altitude: Floats, phase: Integers, flight: Integers
 ) -> Floats:
-    """Seconds since the end of the climb at the first `CHORDS` + 1 reports in cruise; else NaN."""
+    """Seconds since the end of the climb at the first five reports in cruise; else NaN."""
     out = np.full(time.size, np.nan)
     climb, cruise = phase == PHASE["ascent"], phase == PHASE["cruise"]
     linked = (flight[1:-1] == flight[:-2]) & (flight[1:-1] == flight[2:])
@@ -120,7 +117,7 @@ def time_since_levelling(
     remaining = (altitude[last + 1] - altitude[last]) / np.maximum(rate, 0.5)
     level = time[last] + np.clip(remaining, 0.0, time[last + 1] - time[last])
     valid = np.ones(last.size, bool)
-    for k in range(1, CHORDS + 2):
+    for k in range(1, 6):
         at = np.minimum(last + k, time.size - 1)
         valid &= (last + k < time.size) & (flight[at] == flight[last]) & cruise[at]
         out[at[valid]] = time[at[valid]] - level[valid]
@@ -143,7 +140,8 @@ def fit_levelling(start: Floats, end: Floats, speed: Floats, flight: Integers) -
     used, fitted = np.ones(difference.size, bool), np.zeros(KNOTS.size - 1)
     for _ in range(3):
         spread = robust_sd(difference - columns @ fitted) + 1e-3
-        normal = columns[used].T @ columns[used] / spread**2 + SMOOTH**2 * slope.T @ slope
+        # differences of the acceleration between knots weigh 12 s (relative to speeds of 1 m/s)
+        normal = columns[used].T @ columns[used] / spread**2 + 12.0**2 * slope.T @ slope
         normal += 1e-9 * np.eye(KNOTS.size - 1)
         fitted = np.linalg.solve(normal, columns[used].T @ difference[used] / spread**2)
         used = np.abs(difference - columns @ fitted) < 4.0 * spread

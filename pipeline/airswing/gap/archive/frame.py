@@ -31,22 +31,10 @@ from airswing.units import DAY, EARTH_RADIUS, Picked
 
 Columns = dict[str, NDArray[Any]]  # arrays of integers and of floats
 
-#: Approximate number of reports of a diagnosis in memory, 5.7 kB of whitened columns each.
-MOST = 150_000
-#: Multiplicative hash (Knuth, The Art of Computer Programming, 6.4).
-_FACTOR, _RANGE = 2654435761, 2**32
-DEFAULT_HORIZONTAL_FIELD = 20000.0
-"""Horizontal field of an archive without magnetic data, nT."""
-EXCLUDED = ("temperature_qc", "wind_qc", "ground_speed")
-"""Screening rules whose reports are left out: bad by a quality flag, or heading undefined."""
-AIRCRAFT_FIELDS = (
-    "position_resolution",
-    "time_resolution",
-    "wind_speed_resolution",
-    "wind_direction_resolution",
+AIRCRAFT_FIELDS = tuple(
+    f"{name}_resolution" for name in ("position", "time", "wind_speed", "wind_direction")
 )
 """Fields of a frame with one value per aircraft."""
-_ESSENTIAL = ("u_rep", "v_rep", "u_ref", "v_ref", "ground_u", "ground_v", "heading", "airspeed")
 # field of the frame -> variable of the headings product
 _NAMES = {
     **{name: name for name in ("latitude", "longitude", "pressure", "airspeed", "climb_rate")},
@@ -62,13 +50,12 @@ _NAMES = {
     "acceleration": "longitudinal_acceleration",
     "temperature": "air_temperature",
 }
-_DERIVATIVES = {"t": "tendency", "lnp": "lnp_derivative", "x": "x_derivative", "y": "y_derivative"}
-for _axis, _suffix in _DERIVATIVES.items():
-    _NAMES[f"dud{_axis}"] = f"reference_eastward_wind_{_suffix}"
-    _NAMES[f"dvd{_axis}"] = f"reference_northward_wind_{_suffix}"
-for _when in ("before", "after"):
-    _NAMES[f"u_{_when}"] = f"reference_eastward_wind_hour_{_when}"
-    _NAMES[f"v_{_when}"] = f"reference_northward_wind_hour_{_when}"
+for _u, _side in (("u", "eastward"), ("v", "northward")):
+    for _axis in ("lnp", "x", "y"):
+        _NAMES[f"d{_u}d{_axis}"] = f"reference_{_side}_wind_{_axis}_derivative"
+    _NAMES[f"d{_u}dt"] = f"reference_{_side}_wind_tendency"
+    for _when in ("before", "after"):
+        _NAMES[f"{_u}_{_when}"] = f"reference_{_side}_wind_hour_{_when}"
 # fields that are angles, degrees in the product
 _ANGLES = {"heading", "magnetic_heading", "heading_error", "declination", "dip", "bank"}
 _ANGLES.add("grid_convergence")
@@ -231,7 +218,7 @@ class Frame:
         *,
         reference: str | Sequence[str],
         phases: Sequence[str] = ("ascent", "cruise", "descent"),
-        excluded: Sequence[str] = EXCLUDED,
+        excluded: Sequence[str] = ("temperature_qc", "wind_qc", "ground_speed"),
         epoch: float | None = None,
         reference_field: float | None = None,
         meridian: float | None = None,
@@ -248,7 +235,8 @@ class Frame:
         phases : sequence of str
             Phases of flight to keep; reports of unknown phase are kept with ``cruise``.
         excluded : sequence of str
-            Names of screening bits whose reports are left out.
+            Names of screening bits whose reports are left out; by default those of bad quality
+            and those without a heading.
         epoch, reference_field : float, optional
             Constants of the whole archive (s since 1970, nT), required when `ds` is a part of it;
             by default computed from `ds`.
@@ -272,8 +260,9 @@ class Frame:
         codes = [PHASE[name] for name in phases]
         keep = np.isin(values["phase"], [*codes, PHASE["unknown"]] if "cruise" in phases else codes)
         keep &= (screening & sum(SCREENING[name] for name in excluded)) == 0
-        for name in _ESSENTIAL:
+        for name in ("u_rep", "v_rep", "u_ref", "v_ref", "ground_u", "ground_v"):
             keep &= np.isfinite(values[name])
+        keep &= np.isfinite(values["heading"]) & np.isfinite(values["airspeed"])
         if not keep.any():
             raise InputError(
                 "no report has a wind, a ground vector and a reference wind at once",
@@ -290,7 +279,8 @@ class Frame:
             epoch = float(values["time"].min())
         if reference_field is None:
             field = values["horizontal_field"][np.isfinite(values["horizontal_field"])]
-            reference_field = float(np.median(field)) if field.size else DEFAULT_HORIZONTAL_FIELD
+            # 20000 nT, usual in middle latitudes, for an archive without magnetic data
+            reference_field = float(np.median(field)) if field.size else 20000.0
         return cls(
             tails=tails, epoch=float(epoch), reference_field=float(reference_field), **values
         )
@@ -304,8 +294,14 @@ REPORT_FIELDS = tuple(f.name for f in fields(Frame) if f.name not in _CONSTANTS)
 def _read_columns(
     ds: xr.Dataset, reference: str | Sequence[str], meridian: float | None
 ) -> tuple[tuple[str, ...], Columns, Integers]:
-    """Return names of aircraft, fields of a frame, and screening bits (report,)."""
-    members = _members(ds, reference)
+    known = [str(name) for name in np.atleast_1d(ds["reference"].values)]
+    wanted = [reference] if isinstance(reference, str) else list(reference)
+    if len(wanted) == 1 and wanted[0] not in known:
+        wanted = wanted[0].split("+")
+    for name in wanted:
+        if name not in known:
+            raise InputError("unknown reference", found=name, remedy=f"one of {', '.join(known)}")
+    members = [known.index(name) for name in wanted]
     ds = ds[[name for name in _VARIABLES if name in ds]].compute()  # one pass over a lazy graph
     tails = tuple(str(name) for name in ds["aircraft"].values)
     values: Columns = {
@@ -313,15 +309,14 @@ def _read_columns(
         "aircraft": np.repeat(np.arange(len(tails)), np.asarray(ds["row_size"].values)),
         "time": ds["time"].values.astype("datetime64[ns]").astype(np.int64) / 1e9,
     }
+    blank = np.full(ds.sizes["report"], np.nan)
     codes = {
-        name: np.asarray(ds[name].values, np.int64)
-        if name in ds
-        else np.full(ds.sizes["report"], missing, np.int64)
+        name: np.asarray(ds[name] if name in ds else np.full_like(blank, missing), np.int64)
         for name, missing in _CODES.items()
     }
     values |= {name: codes[name] for name in ("flight", "phase", "icing")}
     for field, name in _NAMES.items():
-        column = np.full(ds.sizes["report"], np.nan)
+        column = blank
         if name in ds and "reference" in ds[name].dims:
             column = member_mean(ds[name].isel(reference=members).astype(np.float64)).to_numpy()
         elif name in ds:
@@ -333,41 +328,27 @@ def _read_columns(
         meridian = float(np.degrees(np.angle(angle_sum)))
     east = longitude - meridian
     values["longitude"] = np.where(np.abs(east) > 180.0, meridian + wrap_degrees(east), longitude)
-    values["bank"] = bank_at_reports(
-        values["bank"],
-        codes["roll_flag"],
-        values["flight"],
-        values["time"],
-        latitude=values["latitude"],
-        longitude=values["longitude"],
-    )
+    place = {name: values[name] for name in ("latitude", "longitude")}
+    motion = values["bank"], codes["roll_flag"], values["flight"], values["time"]
+    values["bank"] = bank_at_reports(*motion, **place)
     for name in AIRCRAFT_FIELDS:
         unknown = np.full(len(tails), np.nan)
         values[name] = np.asarray(ds[name].values, np.float64) if name in ds else unknown
     return tails, values, codes["screening"]
 
 
-def _members(ds: xr.Dataset, reference: str | Sequence[str]) -> list[int]:
-    known = [str(name) for name in np.atleast_1d(ds["reference"].values)]
-    wanted = [reference] if isinstance(reference, str) else list(reference)
-    if len(wanted) == 1 and wanted[0] not in known and "+" in wanted[0]:
-        wanted = wanted[0].split("+")
-    for name in wanted:
-        if name not in known:
-            raise InputError("unknown reference", found=name, remedy=f"one of {', '.join(known)}")
-    return [known.index(name) for name in wanted]
-
-
-def sampled(headings: xr.Dataset, most: int = MOST) -> xr.Dataset:
+def sampled(headings: xr.Dataset, most: int = 150_000) -> xr.Dataset:
     """Draw whole flights of ragged headings, about ``most`` reports; all if there are no more.
 
-    They are drawn by a hash of their number, independent of the order of reading.
+    A report takes 5.7 kB of whitened columns in the memory of a diagnosis. Flights are drawn by a
+    multiplicative hash of their number (Knuth, The Art of Computer Programming, 6.4), independent
+    of the order of reading.
     """
     total = headings.sizes["report"]
     if total <= most or "flight" not in headings:
         return headings
     parts = []
     for block in blocks(headings):
-        hashed = np.asarray(block["flight"].to_numpy(), np.int64) * _FACTOR % _RANGE
-        parts.append(some_reports(block, hashed < most / total * _RANGE))
+        hashed = np.asarray(block["flight"].to_numpy(), np.int64) * 2654435761 % 2**32
+        parts.append(some_reports(block, hashed < most / total * 2**32))
     return joined(parts)

@@ -21,20 +21,6 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats, Integers
 from airswing.physics.triangle import wind_from_triangle
 
-#: Steps of headings, degrees, and the least mean cosine of each.
-HEADING_STEPS = {2.0: 0.35, 5.0: 0.35, 10.0: 0.4, 15.0: 0.5, 30.0: 0.6}
-#: Share of the mean of a finer step that a coarser one must reach (multiples of 10 are multiples
-#: of 5).
-COARSER = 0.6
-#: Least number of flights, and of standard errors over flights.
-LEAST_FLIGHTS, SIGNIFICANT = 10, 6.0
-#: Steps of directions, degrees.
-DIRECTION_STEPS = (15.0, 20.0, 22.5, 30.0, 45.0, 60.0, 90.0)
-#: Least share of the reports below a speed on a lattice of directions.
-ON_LATTICE = 0.5
-#: Distance from a multiple up to which a direction in whole degrees is on the lattice, degrees.
-MARGIN = 0.75
-
 
 @dataclass(frozen=True)
 class HeadingLattice:
@@ -83,7 +69,7 @@ def heading_lattices(frame: Frame) -> list[HeadingLattice | None]:
     for a in range(len(frame.tails)):
         rows = np.flatnonzero((frame.aircraft == a) & np.isfinite(frame.magnetic_heading))
         flight = np.unique(frame.flight[rows], return_inverse=True)[1]
-        if flight.max(initial=-1) + 1 < LEAST_FLIGHTS:
+        if flight.max(initial=-1) + 1 < 10:  # too few flights for a standard error
             out.append(None)
             continue
         found = [
@@ -101,12 +87,15 @@ def _coarsest_step(heading: Floats, flight: Integers) -> tuple[float, float]:
     """Mean cosine and the coarsest significant step, degrees; (0, 0) without one."""
     best = (0.0, 0.0)
     reports = np.bincount(flight)
-    for step, least in HEADING_STEPS.items():
+    # at least twice the mean cosine of headings without steps, see the module
+    for step, least in {2.0: 0.35, 5.0: 0.35, 10.0: 0.4, 15.0: 0.5, 30.0: 0.6}.items():
         cosine = np.cos(2 * np.pi * np.degrees(heading) / step)
         mean = float(cosine.mean())
         by_flight = np.bincount(flight, cosine) / reports
         error = float(np.sqrt((reports**2 * (by_flight - mean) ** 2).sum())) / heading.size
-        if mean > max(least, SIGNIFICANT * error, COARSER * best[0]):
+        # beyond six standard errors; multiples of 10 are multiples of 5 as well: a coarser step
+        # must hold most of the mean of a finer one
+        if mean > max(least, 6.0 * error, 0.6 * best[0]):
             best = (mean, step)
     return best
 
@@ -130,12 +119,13 @@ def direction_lattice(u: Floats, v: Floats) -> DirectionLattice | None:
     order = order[speed[order] > 0]  # calm has no direction
     speed, angle = speed[order], angle[order]
     number = np.arange(1, speed.size + 1)
-    best, largest = None, float(np.log(max(1, len(DIRECTION_STEPS) * speed.size)))
-    for step in DIRECTION_STEPS:
-        on = np.abs(angle - step * np.round(angle / step)) < MARGIN
-        share, chance = np.clip(np.cumsum(on) / number, 1e-9, 1 - 1e-9), 2 * MARGIN / step
+    steps = (15.0, 20.0, 22.5, 30.0, 45.0, 60.0, 90.0)
+    best, largest = None, float(np.log(max(1, len(steps) * speed.size)))
+    for step in steps:
+        on = np.abs(angle - step * np.round(angle / step)) < 0.75  # in whole degrees
+        share, chance = np.clip(np.cumsum(on) / number, 1e-9, 1 - 1e-9), 1.5 / step
         ratio = share * np.log(share / chance) + (1 - share) * np.log((1 - share) / (1 - chance))
-        ratio = np.where(share > ON_LATTICE, number * ratio, 0.0)
+        ratio = np.where(share > 0.5, number * ratio, 0.0)
         if ratio.size and ratio.max() > largest:
             last = int(np.argmax(ratio))
             largest, excess = float(ratio[last]), (share[last] - chance) / (1 - chance)

@@ -52,15 +52,6 @@ PERIOD = {"hour": 24.0}
 CATEGORIES = {"icing": ("off", "on"), "phase": ("ascent", "cruise", "descent")}
 #: Squared correlation of inferred variables with the true ones in simulated archives.
 RELIABILITY = {"acceleration": 0.76, "bank": 0.75}
-#: Share of the requested cells that is sufficient, and by how much the least number of reports of
-#: a cell is reduced, in turn, where most values are equal.
-SUFFICIENT, REDUCED = 0.75, np.array([1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08])
-#: Time over which recent turns are summed, s; least change of track that is a turn, degrees.
-RECENT, LEAST_TURN = 120.0, 10.0
-#: Time after which reports of one flight number are not of one flight, minutes.
-LONGEST_FLIGHT = 1440.0
-#: Reports that a cell needs for a mean.
-REPORTS_OF_CELL = 30
 
 
 @dataclass(frozen=True)
@@ -90,12 +81,13 @@ class Variable:
         inner = inner[(inner > low + width) & (inner < high)]
         if inner.size > 1:
             inner = inner[np.r_[True, np.diff(inner) > width]]
-        # where most values are equal (turns, banks), cells with fewer reports divide the others
+        # where most values are equal (turns, banks), cells with fewer reports, in steps of 0.7,
+        # divide the others, until there are three quarters of the requested cells
         if high > low:
-            for reports in REDUCED / number * known.size:
-                if inner.size + 1 >= SUFFICIENT * number:
+            for share in (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08):
+                if inner.size + 1 >= 0.75 * number:
                     break
-                inner = _edges_upward(known, reports, width)
+                inner = _edges_upward(known, share / number * known.size, width)
         return np.asarray(np.r_[low, inner, high], np.float64)
 
     def cells(self, edges: Floats) -> Integers:
@@ -175,7 +167,7 @@ def record(frame: Frame, quiet: Frame) -> dict[str, Variable]:
         if known == 0 or known < 0.5 * variable.values.size:
             continue
         cells = variable.cells(variable.edges(number))
-        if (np.bincount(cells[cells >= 0]) >= REPORTS_OF_CELL).sum() >= 2:
+        if (np.bincount(cells[cells >= 0]) >= 30).sum() >= 2:  # thirty reports have a mean
             out[name] = variable
     return out
 
@@ -186,7 +178,7 @@ def flight_time(frame: Frame) -> Floats:
     start = np.full(numbers.size, np.inf)
     np.minimum.at(start, index, frame.time)
     minutes = (frame.time - start[index]) / 60.0
-    return np.asarray(np.where(minutes <= LONGEST_FLIGHT, minutes, np.nan))
+    return np.asarray(np.where(minutes <= 1440.0, minutes, np.nan))
 
 
 def recent_turn(frame: Frame) -> Floats:
@@ -195,19 +187,23 @@ def recent_turn(frame: Frame) -> Floats:
     out = np.zeros(order.size)
     if order.size:
         # flights one after the other on one axis of time, for one interpolation
-        gap = float(np.ptp(frame.time)) + 2 * RECENT
+        recent = 120.0
+        gap = float(np.ptp(frame.time)) + 2 * recent
         place = frame.time[order] - frame.time.min() + np.cumsum(begins) * gap
         start = place[np.maximum.accumulate(np.where(begins, np.arange(order.size), 0))]
-        before = np.interp(np.maximum(place - RECENT, start), place, track)
+        before = np.interp(np.maximum(place - recent, start), place, track)
         out[order] = track - before
     return out
 
 
 def last_turn(frame: Frame) -> Floats:
-    """Return the last turn between two reports, (n,) degrees; 0 before the first of a flight."""
+    """Return the last turn between two reports, (n,) degrees; 0 before the first of a flight.
+
+    A turn is a change of track by ten degrees or more.
+    """
     order, begins, track = _tracks(frame)
     step = np.where(begins, 0.0, np.diff(track, prepend=track[:1]))
-    turns = begins | (np.abs(step) >= LEAST_TURN)
+    turns = begins | (np.abs(step) >= 10.0)
     out = np.zeros(order.size)
     out[order] = step[np.maximum.accumulate(np.where(turns, np.arange(order.size), 0))]
     return out

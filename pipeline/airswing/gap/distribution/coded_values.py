@@ -17,7 +17,7 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.lattices import heading_lattices
-from airswing.gap.arrays import Booleans, Floats
+from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.distribution.entries import (
     LEAST_LEFT,
     against_chance,
@@ -30,16 +30,10 @@ from airswing.gap.result.schema import ClosesEntry, EffectEntry
 from airswing.physics.triangle import direction_in_degrees
 from airswing.units import KNOT
 
-# Steps looked for: kt, degrees, arc minutes. Finer ones than 1 kt, 1 degree and 0.1 arc minute are
-# how reports come anyway.
-SPEED_STEPS = (2.0, 5.0, 10.0)
-DIRECTION_STEPS = (2.0, 5.0, 10.0)
-POSITION_STEPS = (0.5, 0.6, 1.0, 2.0, 3.0, 5.0, 6.0, 10.0)
-FREQUENT = {"speed": 2, "direction": 12}
-"""Most frequent values that a lattice must show without: a floor or a hole sends one or two speeds
-too often, a few directions at weak winds are at most twelve; a coding in steps spreads over all."""
-# Share of the values, above chance, from which a lattice is one.
-LEAST_SHARE = 0.15
+
+def _by_aircraft(frame: Frame, chosen: Booleans | bool = True) -> list[tuple[str, Integers]]:
+    rows = [np.flatnonzero((frame.aircraft == a) & chosen) for a in range(len(frame.tails))]
+    return [(tail, index) for tail, index in zip(frame.tails, rows, strict=True) if index.size > 99]
 
 
 def _on_lattice(values: Floats, step: float, *, base: float) -> tuple[float, float]:
@@ -61,8 +55,8 @@ def coarsest(values: Floats, steps: tuple[float, ...], *, base: float) -> tuple[
     for step in steps:
         on, chance = _on_lattice(values, step, base=base) if values.size else (0.0, 0.0)
         shares[step] = (on - chance) / (1 - chance)
-    # five standard errors of a share of so many
-    need = max(LEAST_SHARE, 5.0 / np.sqrt(max(values.size, 1)))
+    # 15 % above chance, and five standard errors of a share of so many
+    need = max(0.15, 5.0 / np.sqrt(max(values.size, 1)))
     for step in reversed(steps):
         finer = [shares[s] for s in steps if s < step]
         # values on a coarse lattice lie on its finer divisors too: the coarsest that holds nearly
@@ -76,18 +70,16 @@ def wind_coding(frame: Frame) -> EffectEntry | None:
     """Find aircraft whose winds come in steps coarser than a degree or a knot."""
     speed = np.hypot(frame.u_rep, frame.v_rep) / KNOT
     direction = direction_in_degrees(frame.u_rep, frame.v_rep)
-    moving = speed > 3.0
     per_tail: dict[str, Stated] = {}
     evidence: list[float] = []
     start: list[float] = []
-    for a, tail in enumerate(frame.tails):
-        index = np.flatnonzero((frame.aircraft == a) & moving)
-        if index.size < 100:
-            continue
-        fast = index[_usual(speed[index], FREQUENT["speed"])]
-        turned = index[_usual(direction[index], FREQUENT["direction"])]
-        step, share = coarsest(speed[fast], SPEED_STEPS, base=1.0)
-        turn, turn_share = coarsest(direction[turned], DIRECTION_STEPS, base=1.0)
+    for tail, index in _by_aircraft(frame, speed > 3.0):
+        # a coding in steps spreads over all values; a floor or a hole sends one or two speeds too
+        # often, and there are at most twelve of a few directions at weak winds
+        fast, turned = index[_usual(speed[index], 2)], index[_usual(direction[index], 12)]
+        steps = (2.0, 5.0, 10.0)  # kt and degrees; reports come in whole ones anyway
+        step, share = coarsest(speed[fast], steps, base=1.0)
+        turn, turn_share = coarsest(direction[turned], steps, base=1.0)
         if step <= 1.0 and turn <= 1.0:
             continue
         per_tail[tail] = {"step": step if step > 1 else 1.0, "direction_step_deg": turn}
@@ -118,12 +110,9 @@ def position_coding(frame: Frame) -> EffectEntry | None:
     per_tail: dict[str, Stated] = {}
     evidence: dict[str, float] = {}
     steps = []
-    for a, tail in enumerate(frame.tails):
-        index = np.flatnonzero(frame.aircraft == a)
-        if index.size < 100:
-            continue
+    for tail, index in _by_aircraft(frame):
         found = [
-            coarsest(60.0 * values[index], POSITION_STEPS, base=0.1)[0]
+            coarsest(60.0 * values[index], (0.5, 0.6, 1.0, 2.0, 3.0, 5.0, 6.0, 10.0), base=0.1)[0]
             for values in (frame.latitude, frame.longitude)
         ]
         steps.append(min(found))
@@ -155,18 +144,16 @@ def whole_minutes(frame: Frame) -> EffectEntry | None:
     """Find aircraft whose times are cut to the minute while others' are not."""
     cut: dict[str, Stated] = {}
     evidence = []
-    for a, tail in enumerate(frame.tails):
-        seconds = np.mod(frame.time[frame.aircraft == a], 60.0)
-        if seconds.size < 100:
-            continue
+    aircraft = _by_aircraft(frame)
+    for tail, index in aircraft:
+        seconds = np.mod(frame.time[index], 60.0)
         # half a second: times come in whole ones
         whole = float((np.minimum(seconds, 60 - seconds) < 0.5).mean())
         # nearly all: a time that is whole by chance is one in sixty
         if whole > 0.95:
             cut[tail] = {"offset_s": -30.0}  # seconds cut off are thirty in the mean
             evidence.append(against_chance(seconds.size, whole, 1 / 60))
-    counted = np.bincount(frame.aircraft, minlength=len(frame.tails)) >= 100
-    if not cut or len(cut) == int(counted.sum()):
+    if not cut or len(cut) == len(aircraft):
         return None
     return effect_of("time_lag", cut, evidence)
 

@@ -15,10 +15,6 @@ from airswing.units import KNOT, NORMAL_95
 
 PerTail = Mapping[str, Stated]  # aircraft -> parameters
 
-#: Log number of aircraft and steps among which the clearest is sought.
-TRIED = float(np.log(100.0))
-#: Share of the aircraft that is taken for the whole fleet: a cell may be met by few.
-WHOLE = 0.75
 #: Share of the mean square that is always left.
 LEAST_LEFT = 0.05
 
@@ -43,15 +39,15 @@ def effect_of(
     """Combine the findings of aircraft, with the median of their parameters.
 
     The evidence is the log likelihood ratio of the clearest aircraft against chance, less the
-    logarithm of the number of aircraft and steps that were tried.
+    logarithm of the number of aircraft and steps that are tried, about a hundred.
     """
-    clearest = float(max(evidence) - TRIED)
+    clearest = float(max(evidence) - np.log(100.0))
     rows = list(per_tail.values())
     return EffectEntry(
         name=name,
         probability=probability(clearest),
         tails=list(per_tail),
-        parameters={one: _middle([row[one] for row in rows]) for one in rows[0]},
+        parameters={key: _middle([row[key] for row in rows]) for key in rows[0]},
         standard_errors=errors or {},
         period=period,
         scope="aircraft",
@@ -77,8 +73,11 @@ def place_of(
     curve: CurveEntry,
     closure: ClosesEntry,
 ) -> PlaceEntry:
-    """Entry of something without a name on some aircraft, with its log posterior odds."""
-    whole = len(affected) >= WHOLE * len(tails)
+    """Entry of something without a name on some aircraft, with its log posterior odds.
+
+    Three quarters of the aircraft are taken for the whole fleet: a cell may be met by few.
+    """
+    whole = len(affected) >= 0.75 * len(tails)
     return PlaceEntry(
         component=component,
         variable=variable,
@@ -99,13 +98,13 @@ def closes(kt: float, error: float) -> ClosesEntry:
     return ClosesEntry(kt, [max(kt + side * NORMAL_95 * error, 0.0) for side in (-1, 1)])
 
 
-def mean_reduction(longer: Floats, affected: Booleans, shape_error: float = 0.16) -> ClosesEntry:
+def mean_reduction(longer: Floats, affected: Booleans) -> ClosesEntry:
     """Mean over all reports of the length (m/s) that an effect adds to the affected ones.
 
-    ``shape_error`` is the relative error of the assumed distribution.
+    16 % is the relative error of the assumed distribution.
     """
     if longer.size == 0:
         return closes(0.0, 0.0)
     kt = float(longer.sum()) / affected.size / KNOT
     drawn = float(longer.std()) * np.sqrt(longer.size) / affected.size / KNOT
-    return closes(max(kt, 0.0), float(np.hypot(drawn, shape_error * kt)))
+    return closes(max(kt, 0.0), float(np.hypot(drawn, 0.16 * kt)))

@@ -18,18 +18,6 @@ from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
 
-LEAST_RATE = 0.002
-"""Share of gross errors from which they are stated: 0.1 kt at the usual size."""
-LEAST_CHANCE = 5e-4
-"""Least share by chance: real noise has tails that a simulated one lacks."""
-DRAWS = 2
-"""Simulated archives from which the share by chance is counted."""
-JUMPING = 2.0
-"""Ratio of the share by chance to that of simulated reports for headings in coarse steps: the noise
-model does not hold how aircraft wander about a course."""
-LEAST_SIZE = 6.0
-"""Standard deviation per component, m/s, under which a departure is no gross error."""
-
 
 def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | None:
     """Find aircraft with more gross errors than a simulated archive of the same paths has.
@@ -43,10 +31,11 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
     # a handful of errors determines neither a rate nor the affected aircraft
     if not used.any() or hits[used].sum() < 5:
         return None
-    chance = np.maximum(simulated_rate(frame, noise), LEAST_CHANCE)
+    # real noise has tails that a simulated one lacks
+    chance = np.maximum(simulated_rate(frame, noise), 5e-4)
     rate, gain = shared_rate(hits[used], count[used], chance[used])
     affected = np.flatnonzero(used)[gain > 0]
-    if affected.size == 0 or rate < LEAST_RATE:
+    if affected.size == 0 or rate < 0.002:  # 0.1 kt at the usual size
         return None
     # standard deviation per component; at least 5 m/s: gross is what differs by five standard
     # deviations of about 1 m/s
@@ -54,7 +43,7 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
     ordinary = robust_sd(residual, 0.0)
     size = float(np.sqrt(max(float(np.mean(values**2)) - ordinary**2, 25.0)))
     size = 20.0 if values.shape[0] < 5 else size
-    if size < LEAST_SIZE:
+    if size < 6.0:
         return None  # an effect that is switched on and off, not an error of single reports
     # gross errors of less than 5 m/s in both components are not marked: the share is scaled up for
     # them, at most by a half; tanh form of the normal distribution, good to 0.0004
@@ -85,18 +74,20 @@ def simulated_rate(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> Floats:
     rng, coding = np.random.default_rng(seed), Coding.as_found(frame)
     fleet = len(frame.tails)
     hits = np.zeros(fleet)
-    for _ in range(DRAWS):
+    draws = 2
+    for _ in range(draws):
         error = draw_noise(frame, noise.model, rng=rng)
         u, v = coding.apply(frame.u_ref + error[:, 0], frame.v_ref + error[:, 1])
         made = gross_errors(np.stack([u - frame.u_ref, v - frame.v_ref], -1), noise.order)
-        hits += np.bincount(frame.aircraft, made, minlength=fleet) / DRAWS
+        hits += np.bincount(frame.aircraft, made, minlength=fleet) / draws
     count = np.maximum(np.bincount(frame.aircraft, minlength=fleet), 1)
     jumping = np.zeros(fleet, bool)
     if coding.headings is not None:
         jumping[frame.aircraft[coding.headings.step > 0.0]] = True
     fine = ~jumping if not jumping.all() else jumping
     common = hits[fine].sum() / count[fine].sum()
-    return np.asarray(np.maximum(np.where(jumping, JUMPING, 1.0) * hits / count, common))
+    # twice, as the noise model does not hold how aircraft wander about a course
+    return np.asarray(np.maximum(np.where(jumping, 2.0, 1.0) * hits / count, common))
 
 
 def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Floats]:
@@ -120,10 +111,6 @@ def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Flo
     return rate, gain(rate)
 
 
-#: Relative error of a reduction from the shape of the errors' distribution.
-SHAPE_DOUBT = 0.08
-
-
 def reduction_of_gross(
     frame: Frame, residual: Floats, found: EffectEntry, gross: Booleans
 ) -> ClosesEntry:
@@ -142,4 +129,5 @@ def reduction_of_gross(
         total += count * fraction * longer
         doubt += (count * longer) ** 2 * fraction / count
     kt = total / frame.size / KNOT
-    return closes(kt, float(np.hypot(np.sqrt(doubt) / frame.size / KNOT, SHAPE_DOUBT * kt)))
+    # 8 % from the shape of the errors' distribution
+    return closes(kt, float(np.hypot(np.sqrt(doubt) / frame.size / KNOT, 0.08 * kt)))

@@ -29,19 +29,17 @@ from airswing.gap.model.terms import Statistics, noise_factor
 from airswing.gap.noise import NoiseFit, interpolation_errors, whitening_gains
 from airswing.gap.result.schema import CurveEntry, PlaceEntry
 from airswing.gap.simulation.forward import Coding, draw_noise
+from airswing.physics.robust_spread import robust_sd
 
 #: Simulated archives that the reports are compared with.
 DRAWS = 2
 #: Variance of the logarithm of an exponential variable (the squared length of two normal
 #: components), pi^2 / 6, with that of the mean of the simulated ones.
 LOG_VARIANCE = np.pi**2 / 6 * (1 + 1 / DRAWS)
-#: Variation of log variance that is no effect: over weather and routes, and of single aircraft;
-#: scales of an effect.
-LASTING, NATURAL, SCALES = 0.2, 0.2, np.array([0.3, 0.6, 1.2])
-#: Least excess of ln sd of an aircraft over the fleet that is stated, and the usual spread.
-LEAST_EXCESS, LEAST_SPREAD = 0.15, 0.03
-#: Reports an aircraft must have, and aircraft a fleet, to compare their levels.
-LEAST_REPORTS, LEAST_AIRCRAFT = 200, 5
+#: Variation of log variance over weather and routes, and of single aircraft, that is no effect.
+NATURAL = 0.2
+#: Reports an aircraft must have to compare its level.
+LEAST_REPORTS = 200
 
 
 def log_squares(residual: Floats, noise: NoiseFit) -> tuple[Floats, Floats]:
@@ -106,7 +104,8 @@ def find_scatter(
         functions = curve.functions(variable.values)
         statistics = _statistics(y, functions, curve, frame.aircraft, day, days.size, use)
         factor = max(1.0, float(np.mean(statistics.factor)))
-        by_scope = static_evidence(statistics, factor, "af", scales=SCALES, usual=NATURAL)
+        scales = np.array([0.3, 0.6, 1.2])  # of log variance, of an effect
+        by_scope = static_evidence(statistics, factor, "af", scales=scales, usual=NATURAL)
         for found in by_scope.values():
             score = found.evidence - np.log(number)
             if found.tails and score > GATE and (best is None or score > best[0]):
@@ -118,7 +117,6 @@ def find_scatter(
 
 
 def _in_turns(frame: Frame, y: Floats, known: Booleans) -> Floats:
-    """Common curve of y over the size of the bank, (n,)."""
     bank = np.abs(np.degrees(np.nan_to_num(frame.bank)))
     edges = np.unique(np.quantile(bank[known], np.linspace(0, 1, 13)[1:-1]))
     cell = np.searchsorted(edges, bank)
@@ -155,7 +153,7 @@ def _statistics(
             if part.size:
                 score[a, d] = rows[part].T @ centred[part] / LOG_VARIANCE
                 gram[a, d] = rows[part].T @ rows[part] / LOG_VARIANCE
-    return replace(noise_factor(score, gram), lasting=LASTING**2)
+    return replace(noise_factor(score, gram), lasting=NATURAL**2)
 
 
 def _by_variable(
@@ -204,18 +202,17 @@ def _by_variable(
 def _by_aircraft(
     frame: Frame, y: Floats, variance: Floats, residual: Floats, gross: Booleans
 ) -> PlaceEntry | None:
-    """Aircraft whose reports scatter more than those of the fleet, whatever their variables."""
     known = np.isfinite(y)
     count = np.bincount(frame.aircraft[known], minlength=len(frame.tails))
     total = np.bincount(frame.aircraft[known], y[known], minlength=len(frame.tails))
     used = np.flatnonzero(count >= LEAST_REPORTS)
-    if used.size < LEAST_AIRCRAFT:
+    if used.size < 5:  # too few for a usual spread
         return None
     level = total[used] / count[used]
     ratio = 0.5 * (level - np.median(level))
-    spread = max(1.4826 * float(np.median(np.abs(ratio))), LEAST_SPREAD)
+    spread = max(robust_sd(ratio, 0.0), 0.03)
     evidence = 0.5 * (ratio / spread) ** 2 - np.log(2 * used.size)
-    high = (ratio > LEAST_EXCESS) & (evidence > GATE)
+    high = (ratio > 0.15) & (evidence > GATE)  # standard deviations 15 % above those of the fleet
     if not high.any():
         return None
     size = np.zeros(len(frame.tails))

@@ -25,21 +25,16 @@ from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry, Step
 from airswing.gap.simulation.forward import Coding
 from airswing.units import KNOT
 
-#: Simulated archives.
-DRAWS = 6
-#: Levels within which residuals are exchanged.
-LEVELS = 8
-#: Least simulated reports of a cell, and the least contrast of its log ratio: 15 % of its reports.
-LEAST_COUNT, LEAST_CONTRAST = 50.0, 0.15
-#: Quantiles of the map of speeds, and the least change that is one.
-QUANTILES, LEAST_CHANGE = 80, 1.0 * KNOT
+#: Least contrast of the log ratio of a cell: 15 % of its reports.
+LEAST_CONTRAST = 0.15
 
 
 def simulated_winds(frame: Frame, residual: Floats, rng: np.random.Generator) -> Floats:
     """Reference winds plus the residual of another report of its level, coded alike, (n, 2)."""
-    level = np.argsort(np.argsort(frame.pressure)) * LEVELS // frame.size
+    levels = 8
+    level = np.argsort(np.argsort(frame.pressure)) * levels // frame.size
     wind = np.stack([frame.u_ref, frame.v_ref], -1)
-    for k in range(LEVELS):
+    for k in range(levels):
         index = np.flatnonzero(level == k)
         wind[index] += residual[rng.permutation(index)]
     u, v = Coding.of_archive(frame).apply(wind[:, 0], wind[:, 1])
@@ -59,7 +54,7 @@ def contrasts(real: Floats, simulated: Floats, periodic: bool) -> tuple[Floats, 
     """Contrast of each cell with a smooth ratio: z by day, and the log ratio; (D, k) counts."""
     total, expected = real.sum(axis=0), simulated.sum(axis=0)
     k = total.size
-    used = expected > LEAST_COUNT
+    used = expected > 50.0
     x = np.arange(k)
     if periodic:
         waves = [f(2 * np.pi * j * x / k) for j in (1, 2, 3) for f in (np.sin, np.cos)]
@@ -95,7 +90,7 @@ def find_sent_winds(
         return None  # the scatter between days is not known
     # reports as they are, without what moves means
     real = np.stack([frame.u_rep, frame.v_rep], -1)
-    drawn = [simulated_winds(frame, residual, rng) for _ in range(DRAWS)]
+    drawn = [simulated_winds(frame, residual, rng) for _ in range(6)]
     top = int(np.quantile(np.hypot(*real.T) / KNOT, 0.95)) // 2 + 1
     cells = [_cells(wind, top) for wind in (real, *drawn)]
     best: tuple[float, str, int, int] | None = None
@@ -160,7 +155,6 @@ def find_sent_winds(
 def _aircraft_of(
     real: Floats, made: Floats, cell: int, periodic: bool, first: int
 ) -> tuple[int, ...]:
-    """Aircraft that show the clearest cell as the clearest one does."""
     signs = np.zeros(real.shape[0])
     for a in range(real.shape[0]):
         z, apart = contrasts(real[a], made[a], periodic)
@@ -175,20 +169,19 @@ def _aircraft_of(
 
 def _speed_map(real: Floats, drawn: list[Floats], whole: Booleans) -> tuple[Floats, Floats]:
     """Speeds and the speeds that are reported instead, (m,) each, m/s."""
-    levels = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    levels = (np.arange(80) + 0.5) / 80
     made = np.stack([np.quantile(np.hypot(*wind[whole].T), levels) for wind in drawn])
     speeds = made.mean(axis=0)
     sent = np.quantile(np.hypot(*real[whole].T), levels)
-    same = np.abs(sent - speeds) < LEAST_CHANGE
+    same = np.abs(sent - speeds) < KNOT  # the step of a knot in which winds are coded
     sent = np.maximum.accumulate(np.where(same, speeds, sent))
-    speeds = np.maximum.accumulate(speeds + 1e-6 * np.arange(QUANTILES))
+    speeds = np.maximum.accumulate(speeds + 1e-6 * np.arange(levels.size))
     return speeds, np.where(same, speeds, sent)
 
 
 def _closure(
     frame: Frame, drawn: list[Floats], whole: Booleans, speeds: Floats, sent: Floats, day: Integers
 ) -> ClosesEntry:
-    """What the map adds to the disagreement of simulated reports, kt."""
     reference = np.stack([frame.u_ref, frame.v_ref], -1)
     added = np.zeros(frame.size)
     for wind in drawn:

@@ -3,19 +3,15 @@
 An effect is added by a file in this folder with an ``EFFECT``, or by a call of `register`.
 """
 
+import importlib
+import pkgutil
+
 from airswing.gap.effects.base import (
     CATALOGUE,
     ActiveEffect,
-    CycleEffect,
     Effect,
-    HeadingEffect,
-    MomentEffect,
-    OffsetAndCycle,
     Parameter,
-    ProportionalEffect,
     State,
-    WindEffect,
-    discover,
     register,
     unregister,
 )
@@ -25,23 +21,19 @@ __all__ = [
     "CATALOGUE",
     "EMPIRICAL",
     "ActiveEffect",
-    "CycleEffect",
     "Effect",
-    "HeadingEffect",
-    "MomentEffect",
-    "OffsetAndCycle",
     "Parameter",
-    "ProportionalEffect",
     "State",
-    "WindEffect",
-    "discover",
     "effect_named",
     "register",
     "separated_by",
     "unregister",
 ]
 
-discover(__name__)
+for _name in sorted(module.name for module in pkgutil.iter_modules(__path__)):
+    _effect = getattr(importlib.import_module(f"{__name__}.{_name}"), "EFFECT", None)
+    if isinstance(_effect, Effect):
+        register(_effect)
 
 
 def effect_named(name: str) -> Effect | None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from airswing.flags import PHASE
 from airswing.gap.archive.frame import Frame
@@ -22,14 +22,6 @@ from airswing.gap.effects.base import (
 )
 from airswing.physics.atmosphere import GRAVITY
 from airswing.synthetic.sealed.draws import Draw, Signed, sign
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-STEADY = 0.02
-"""Acceleration in cruise below which it is noise of the positions, m s-2."""
-USUAL = 0.03
-"""Acceleration in climb (negative in descent) of an error by phase, g."""
 
 
 def _by_phase(rng: np.random.Generator) -> dict[str, object]:
@@ -67,35 +59,21 @@ class AccelerationError(HeadingEffect):
     )
     source = "FAA-H-8083-15B, Instrument Flying Handbook, ch. 5 (ANDS); AGARDograph 160 vol. 1."
     parameters = (
-        Parameter(
-            "amplitude_deg",
-            "degree",
-            20.0,
-            "at 1 g and a dip of 45 degrees; may be negative",
-            required=True,
-            si=DEGREE,
-        ),
-        Parameter(
-            "by_phase",
-            "1",
-            0.0,
-            "true: as at 0.03 g in climb, -0.03 g in descent; null: by acceleration",
-            None,
-            number=False,
-        ),
+        Parameter("amplitude_deg", "degree", 20.0, "at 1 g and a dip of 45 degrees", required=True),
+        Parameter("by_phase", "", 0.0, "true: 0.03 g in climb, -0.03 g in descent", None),
     )
     needs = ("magnetic_heading", "acceleration", "dip")
-    confused_with = ("hard_iron: where climb and descent are not sampled equally",)
-    column_scales = np.full(2, 20.0 * DEGREE)
+    column_scales = np.full(2, np.radians(20.0))
     alternatives = ((0,), (1,))
     reliability = RELIABILITY["acceleration"]
 
     def basis(self, frame: Frame) -> Floats:
         # sin(m) tan(dip) a/g by acceleration and by phase
-        steady = (frame.phase == PHASE["cruise"]) & (np.abs(frame.acceleration) < STEADY)
+        # less than 0.02 m s-2 in cruise is noise of the positions
+        steady = (frame.phase == PHASE["cruise"]) & (np.abs(frame.acceleration) < 0.02)
         pull = np.where(steady, 0.0, frame.acceleration) / GRAVITY
         climbs = frame.phase == PHASE["ascent"]
-        usual = USUAL * (1.0 * climbs - (frame.phase == PHASE["descent"]))
+        usual = 0.03 * (1.0 * climbs - (frame.phase == PHASE["descent"]))
         return np.asarray(
             np.sin(frame.magnetic_heading) * np.tan(frame.dip) * np.stack([pull, usual])
         )

@@ -14,14 +14,14 @@ from airswing.gap.effects.base import (
     log_pressure_lapse,
 )
 from airswing.synthetic.sealed.draws import Draw, Signed
-from airswing.units import FOOT
 
 
 class AltitudeOffset(ProportionalEffect, WindEffect):
     """Reported pressure altitude too high by an offset, to first order in it.
 
     The aircraft flew lower than reported, at a higher pressure: ``W = W_ref + offset k dW/dlnp``
-    with ``k = g / (R T)`` of the standard atmosphere, by which pressure altitude is defined.
+    with ``k = g / (R T)`` of the standard atmosphere, by which pressure altitude is defined. On the
+    whole fleet a height error of the model is the same.
     """
 
     name = "altitude_offset"
@@ -39,15 +39,9 @@ class AltitudeOffset(ProportionalEffect, WindEffect):
     )
     source = "First-order Taylor expansion of the reference wind in ln p; ICAO Doc 7488/3."
     parameters = (
-        Parameter(
-            "offset_ft", "ft", 300.0, "positive: reported higher than flown", required=True, si=FOOT
-        ),
+        Parameter("offset_ft", "ft", 300.0, "positive: reported higher than flown", required=True),
     )
     needs = ("dudlnp",)
-    confused_with = (
-        "a height error of the model: an exact alias when the whole fleet shows it",
-        "time_lag: where climb and shear always go together",
-    )
     reliability = 0.9  # correlation with the true shear in simulated archives
 
     def columns(self, frame: Frame) -> Floats:

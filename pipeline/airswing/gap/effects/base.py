@@ -16,8 +16,6 @@ contributes nothing. Coefficients are in radians and SI, parameters in files as 
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -36,6 +34,7 @@ from airswing.physics.atmosphere import (
     standard_temperature,
 )
 from airswing.synthetic.sealed.draws import Draw
+from airswing.units import DAY, FOOT, HOUR
 
 Random = np.random.Generator
 Scope = Literal["aircraft", "fleet", "reference", "pair"]
@@ -48,12 +47,7 @@ Estimate = tuple[Stated, Errors]
 
 DEGREE = float(np.pi / 180.0)
 """One degree in radians."""
-LEAST_SPREAD = 2e-3
-"""One minus the mean resultant length of headings (about 4 degrees) below which they are equal."""
-SPREAD = 1e-9
-"""Relative range of a quantity below which it is constant."""
-MAX_PHASE_ERROR = 180.0 / np.sqrt(3.0)
-"""Standard error of an unknown phase, uniform over a full turn, degrees."""
+_SI = {"degree": DEGREE, "degree/day": DEGREE / DAY, "percent": 0.01, "ft": FOOT, "hour": HOUR}
 
 
 @dataclass(frozen=True)
@@ -61,13 +55,18 @@ class Parameter:
     """A parameter of an effect in files and results."""
 
     name: str  # name, with the unit at its end
-    units: str  # unit in words of the configuration ("degree", "percent", "kt")
+    # unit in words of the configuration ("degree", "percent", "kt"); empty for a parameter that is
+    # not a number (the pair of a swap)
+    units: str
     scale: float  # plausible size, the prior standard deviation
     description: str  # meaning, and meaning of the sign
     default: float | None = 0.0  # value where none is given
     required: bool = False  # whether a value must be given
-    si: float = 1.0  # one unit in radians or SI
-    number: bool = True  # False for a parameter that is not a number (the pair of a swap)
+
+    @property
+    def si(self) -> float:
+        """One unit in radians or SI."""
+        return _SI.get(self.units, 1.0)
 
 
 @dataclass(frozen=True)
@@ -120,8 +119,6 @@ class Effect(ABC):
     stage: ClassVar[Stage] = "sensor"  # stage of the measurement
     # fields of the frame that must be known and vary
     needs: ClassVar[tuple[str, ...]] = ()
-    # similar effects and under which conditions (in words; the Gram matrix decides on an archive)
-    confused_with: ClassVar[tuple[str, ...]] = ()
     # other effect -> data that would separate the two
     distinguished_by: ClassVar[Mapping[str, str]] = {}
     # sets of columns that are one candidate each; empty: all columns together
@@ -303,9 +300,25 @@ class CycleEffect(HeadingEffect):
         return np.stack([np.sin(angle), np.cos(angle)])
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
-        (amplitude, phase), (error, phase_error) = amplitude_phase(coefficients, covariance)
-        values: Stated = {"amplitude_deg": amplitude, "phase_deg": phase}
-        return values, {"amplitude_deg": error, "phase_deg": phase_error}
+        # B sin + C cos as amplitude sin(. + phase)
+        sine, cosine = (float(value) for value in coefficients)
+        amplitude = float(np.hypot(sine, cosine))
+        unknown = 180.0 / np.sqrt(3.0)  # standard error of a phase anywhere in a full turn
+        if amplitude == 0.0:
+            error, phase_error = np.degrees(np.sqrt(max(0.0, np.trace(covariance) / 2.0))), unknown
+        else:
+            by_phase = [-cosine / amplitude, sine / amplitude]
+            gradient = np.array([[sine, cosine], by_phase]) / amplitude
+            variance = np.einsum("ij,jk,ik->i", gradient, covariance, gradient)
+            error, phase_error = np.degrees(np.sqrt(np.maximum(variance, 0.0)))
+        values: Stated = {
+            "amplitude_deg": float(np.degrees(amplitude)),
+            "phase_deg": float(np.degrees(np.arctan2(cosine, sine))),
+        }
+        return values, {
+            "amplitude_deg": float(error),
+            "phase_deg": min(float(phase_error), unknown),
+        }
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
         full = self.complete(values)
@@ -317,8 +330,8 @@ class OffsetAndCycle(CycleEffect):
     """Heading error of an offset and one cycle in magnetic heading, under some condition."""
 
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("offset_deg", "degree", 1.5, "indicated minus true heading", si=DEGREE),
-        Parameter("amplitude_deg", "degree", 3.0, "amplitude of one cycle", si=DEGREE),
+        Parameter("offset_deg", "degree", 1.5, "indicated minus true heading"),
+        Parameter("amplitude_deg", "degree", 3.0, "amplitude of one cycle"),
         Parameter("phase_deg", "degree", 180.0, "of amplitude sin(magnetic heading + phase)"),
     )
     column_scales = np.radians([1.5, 2.0, 2.0])
@@ -348,29 +361,6 @@ def log_pressure_lapse(frame: Frame) -> Floats:
     return np.asarray(GRAVITY / (GAS_CONSTANT * standard_temperature(altitude)))
 
 
-def amplitude_phase(
-    coefficients: Floats, covariance: Floats
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Convert ``B sin + C cos`` (rad) to ``amplitude sin(. + phase)``, with standard errors.
-
-    Degrees; the phase is in (-180, 180], errors are by the delta method.
-    """
-    sine, cosine = float(coefficients[0]), float(coefficients[1])
-    covariance = np.asarray(covariance, dtype=np.float64)
-    amplitude = float(np.hypot(sine, cosine))
-    if amplitude == 0.0:  # the phase is undefined
-        spread = float(np.degrees(np.sqrt(max(0.0, np.trace(covariance) / 2.0))))
-        return (0.0, 0.0), (spread, MAX_PHASE_ERROR)
-    gradient = np.array([[sine, cosine], [-cosine / amplitude, sine / amplitude]]) / amplitude
-    variance = np.einsum("ij,jk,ik->i", gradient, covariance, gradient)
-    errors = np.degrees(np.sqrt(np.maximum(variance, 0.0)))
-    phase = float(np.degrees(np.arctan2(cosine, sine)))
-    return (
-        (float(np.degrees(amplitude)), phase),
-        (float(errors[0]), min(float(errors[1]), MAX_PHASE_ERROR)),
-    )
-
-
 def standard_error(covariance: Floats, index: int = 0) -> float:
     """Return the standard error of one coefficient."""
     return float(np.sqrt(max(0.0, float(np.asarray(covariance)[index, index]))))
@@ -398,31 +388,20 @@ _CONSTANT = {
 }
 
 
-def absent_context(frame: Frame, name: str) -> str | None:
-    """Return a message where a field of the frame is unknown everywhere, or None."""
-    if _known_values(frame, name).size == 0:
-        return _ABSENT.get(name, f"no {name.replace('_', ' ')}")
-    return None
-
-
-def missing_context(frame: Frame, name: str) -> str | None:
-    """Return a message where a field of the frame is unknown or constant, or None."""
-    reason = absent_context(frame, name)
-    if reason is not None:
-        return reason
-    values = _known_values(frame, name)
-    if name in {"heading", "magnetic_heading"}:
-        varies = 1.0 - np.hypot(np.mean(np.cos(values)), np.mean(np.sin(values))) > LEAST_SPREAD
-    else:
-        varies = float(np.ptp(values)) > SPREAD * max(1e-6, float(np.max(np.abs(values))))
-    if not varies:
-        return _CONSTANT.get(name, f"{name.replace('_', ' ')} does not vary in these reports")
-    return None
-
-
-def _known_values(frame: Frame, name: str) -> Floats:
+def missing_context(frame: Frame, name: str, *, may_be_constant: bool = False) -> str | None:
+    """Return a message where a field of the frame is unknown everywhere or constant, or None."""
     values = np.asarray(getattr(frame, name), dtype=np.float64)
-    return values[values >= 0.0] if name == "icing" else values[np.isfinite(values)]
+    values = values[values >= 0.0] if name == "icing" else values[np.isfinite(values)]
+    if not values.size:
+        return _ABSENT.get(name, f"no {name.replace('_', ' ')}")
+    if name in {"heading", "magnetic_heading"}:
+        # one minus the mean resultant length: headings within about 4 degrees are one heading
+        varies = 1.0 - np.hypot(np.mean(np.cos(values)), np.mean(np.sin(values))) > 2e-3
+    else:  # more than rounding
+        varies = float(np.ptp(values)) > 1e-9 * max(1e-6, float(np.max(np.abs(values))))
+    if varies or may_be_constant:
+        return None
+    return _CONSTANT.get(name, f"{name.replace('_', ' ')} does not vary in these reports")
 
 
 # ---------------------------------------------------------------------------------- catalogue
@@ -441,13 +420,3 @@ def register(effect: Effect) -> Effect:
 def unregister(name: str) -> Effect:
     """Remove an effect from the catalogue and return it (for leave-one-effect-out checks)."""
     return CATALOGUE.pop(name)
-
-
-def discover(package: str) -> None:
-    """Register the ``EFFECT`` of every module of a package, in alphabetical order."""
-    folder = importlib.import_module(package)
-    for found in sorted(pkgutil.iter_modules(folder.__path__), key=lambda module: module.name):
-        module = importlib.import_module(f"{package}.{found.name}")
-        effect = getattr(module, "EFFECT", None)
-        if isinstance(effect, Effect):
-            register(effect)

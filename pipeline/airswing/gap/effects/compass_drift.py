@@ -6,9 +6,8 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats
-from airswing.gap.effects.base import DEGREE, HeadingEffect, Parameter, ProportionalEffect
+from airswing.gap.effects.base import HeadingEffect, Parameter, ProportionalEffect
 from airswing.synthetic.sealed.draws import Draw, Signed
-from airswing.units import DAY
 
 
 class CompassDrift(ProportionalEffect, HeadingEffect):
@@ -31,28 +30,11 @@ class CompassDrift(ProportionalEffect, HeadingEffect):
     )
     source = "NGA Handbook of Magnetic Compass Adjustment (change of deviation with time)."
     parameters = (
-        Parameter(
-            "rate_deg_per_day",
-            "degree/day",
-            0.05,
-            "change of the error",
-            required=True,
-            si=DEGREE / DAY,
-        ),
-        Parameter(
-            "offset_deg",
-            "degree",
-            1.0,
-            "error at the archive's first report, or at the start of its period",
-            si=DEGREE,
-        ),
+        Parameter("rate_deg_per_day", "degree/day", 0.05, "change of the error", required=True),
+        Parameter("offset_deg", "degree", 1.0, "error at the start of the archive or period"),
     )
     kind = "drift"
     needs = ("heading", "time")
-    confused_with = (
-        "compass_step: where the record is short",
-        "compass_offset: where the drift is slow",
-    )
     alternatives = ((0,), (0, 1))
 
     def basis(self, frame: Frame) -> Floats:

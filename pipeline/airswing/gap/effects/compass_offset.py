@@ -6,7 +6,7 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats
-from airswing.gap.effects.base import DEGREE, HeadingEffect, Parameter, ProportionalEffect
+from airswing.gap.effects.base import HeadingEffect, Parameter, ProportionalEffect
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
@@ -29,16 +29,9 @@ class CompassOffset(ProportionalEffect, HeadingEffect):
     )
     source = "Coefficient A, NGA Handbook of Magnetic Compass Adjustment; de Haan 2013 (Mode-S)."
     parameters = (
-        Parameter(
-            "offset_deg", "degree", 1.5, "indicated minus true heading", required=True, si=DEGREE
-        ),
+        Parameter("offset_deg", "degree", 1.5, "indicated minus true heading", required=True),
     )
     needs = ("heading",)
-    confused_with = (
-        "constant sideslip: an exact alias",
-        "declination_error: where the declination varies little over the region",
-        "compass_drift, compass_step: where the record is short",
-    )
 
     def basis(self, frame: Frame) -> Floats:
         return np.ones((1, frame.size))

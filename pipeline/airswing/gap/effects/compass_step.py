@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from airswing.gap.effects.base import OffsetAndCycle
 from airswing.synthetic.sealed.draws import Both, Draw
 
@@ -27,7 +24,7 @@ class CompassStep(OffsetAndCycle):
         places=("date", "time"),
         read_from=(("across", "date"),),
     )
-    distinguished_by: ClassVar[Mapping[str, str]] = {
+    distinguished_by = {
         "compass_drift": "a longer record before and after the change",
         "compass_offset": "a longer record before and after the change",
         "hard_iron": "a longer record before and after the change",
@@ -39,11 +36,6 @@ class CompassStep(OffsetAndCycle):
     source = "EASA AMC 25.1327 and FAA AC 43.13-1B (when a compass must be swung again)."
     kind = "step"
     needs = ("magnetic_heading", "time")
-    confused_with = (
-        "compass_drift: where the record is short or the step small",
-        "compass_offset, hard_iron: where the date lies near an end of the record",
-        "tail_swap: where the other aircraft changes by the opposite at the same date",
-    )
 
 
 EFFECT = CompassStep()

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import ClassVar
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats
@@ -33,12 +33,6 @@ from airswing.units import DAY
 YEAR = 365.25 * DAY
 FIRST, LAST = 1900.01, 2029.99
 """Range of IGRF-14, decimal years; the field is constant beyond its last epoch."""
-HEIGHT = 5000.0
-"""Height of the declination, m; secular variation hardly depends on it."""
-NODE_STEP = 10
-"""Step of the bounds of the nodes, degrees, so that parts of an archive share their nodes."""
-MOST = 500
-"""Reports used to match an epoch with coefficients."""
 
 
 def _table(rng: np.random.Generator) -> dict[str, object]:
@@ -65,7 +59,7 @@ class DeclinationError(HeadingEffect):
         compared=("mean_deg",),
         read_from=(("across", "longitude"),),
     )
-    distinguished_by: ClassVar[Mapping[str, str]] = {
+    distinguished_by = {
         "compass_offset": "flights over a larger region, where the declination varies"
     }
     physics = (
@@ -81,7 +75,6 @@ class DeclinationError(HeadingEffect):
     )
     scope = "fleet"
     needs = ("heading", "declination")
-    confused_with = ("compass_offset: of the whole fleet, where the region is small",)
     column_scales = np.array([10.0, 0.3, 10.0])  # years, 1, years
     alternatives = ((0,), (1,), (0, 2))
 
@@ -136,19 +129,15 @@ def declination_change(
     lon, lat = _bounds(frame.longitude), _bounds(frame.latitude)
     dates = (int(np.floor(date.min())), int(np.floor(date.max())) + 2)
     change = _change_at_nodes(lon, lat, dates, years or 0.0, epoch_year)
-    out = np.zeros(frame.size)
-    for k, year in enumerate(range(*dates)):
-        weight = np.clip(1.0 - np.abs(date - year), 0.0, 1.0)
-        rows = np.flatnonzero(weight)
-        out[rows] += weight[rows] * _bilinear(
-            change[:, :, k], frame.longitude[rows] - lon[0], frame.latitude[rows] - lat[0]
-        )
-    return out
+    nodes = [np.arange(*bounds) for bounds in (lon, lat, dates)]
+    places = frame.longitude, frame.latitude, date
+    return np.asarray(RegularGridInterpolator(nodes, change)(np.stack(places, -1)))
 
 
 def _bounds(values: Floats) -> tuple[int, int]:
-    low, high = (int(np.floor(end / NODE_STEP)) for end in (values.min(), values.max()))
-    return NODE_STEP * low, NODE_STEP * (high + 1) + 2
+    # in tens of degrees, so that parts of an archive share their nodes
+    low, high = (int(np.floor(end / 10)) for end in (values.min(), values.max()))
+    return 10 * low, 10 * (high + 1) + 2
 
 
 @lru_cache(maxsize=256)
@@ -159,24 +148,14 @@ def _change_at_nodes(
     years: float,
     epoch_year: float | None,
 ) -> Floats:
-    """Declination of an earlier epoch minus that of the date at whole degrees and years, rad."""
     axes = [np.arange(*bounds, dtype=np.float64) for bounds in (longitude, latitude, dates)]
     lon, lat, now = np.meshgrid(*axes, indexing="ij")
-    lat, height = np.clip(lat, -90.0, 90.0), np.full(lat.shape, HEIGHT)
+    # at 5000 m: secular variation hardly depends on the height
+    lat, height = np.clip(lat, -90.0, 90.0), np.full(lat.shape, 5000.0)
     epoch = now - years if epoch_year is None else np.full(now.shape, epoch_year)
     seconds = [(np.clip(year, FIRST, LAST) - 1970.0) * YEAR for year in (epoch, now)]
     then, today = (geomagnetic_field(lat, lon, height, at).declination for at in seconds)
     return wrap_signed(then - today)
-
-
-def _bilinear(values: Floats, x: Floats, y: Floats) -> Floats:
-    """Interpolate between nodes of unit spacing."""
-    i, j = x.astype(np.int64), y.astype(np.int64)
-    x, y = x - i, y - j
-    return np.asarray(
-        (1.0 - x) * ((1.0 - y) * values[i, j] + y * values[i, j + 1])
-        + x * ((1.0 - y) * values[i + 1, j] + y * values[i + 1, j + 1])
-    )
 
 
 def _secular_patterns(frame: Frame) -> Floats:
@@ -197,7 +176,8 @@ def _coefficients_of_year(frame: Frame, patterns: Floats, epoch_year: float) -> 
 
 
 def _subset(frame: Frame) -> Frame:
-    return frame.take(slice(None, None, max(1, frame.size // MOST)))
+    # five hundred reports, of which an epoch is found in a second
+    return frame.take(slice(None, None, max(1, frame.size // 500)))
 
 
 def _year_of_coefficients(frame: Frame, coefficients: Floats) -> float:

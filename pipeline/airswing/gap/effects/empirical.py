@@ -34,10 +34,6 @@ UNIT_OF = {
 }
 #: Components whose effect on a report cannot be removed.
 IRREVERSIBLE = ("scatter", "reported_speed")
-#: Iterations for a table over the reported wind, which depends on the result.
-ITERATIONS = 8
-#: Iterations for the wind without the table: a change of 20 % converges to 1e-6.
-INVERSE_ITERATIONS = 12
 
 
 @dataclass(frozen=True)
@@ -113,12 +109,11 @@ class Empirical(MomentEffect):
     )
     source = "The diagnosis of the archive, on held-out days."
     parameters = (
-        Parameter("component", "", 0.0, "component in error", None, required=True, number=False),
-        Parameter("variables", "", 0.0, "one or two names", None, required=True, number=False),
-        Parameter("edges", "", 0.0, "cells of each variable", None, required=True, number=False),
-        Parameter("values", "", 0.0, "one per cell", None, required=True, number=False),
+        Parameter("component", "", 0.0, "component in error", None, required=True),
+        Parameter("variables", "", 0.0, "one or two names", None, required=True),
+        Parameter("edges", "", 0.0, "cells of each variable", None, required=True),
+        Parameter("values", "", 0.0, "one per cell", None, required=True),
     )
-    confused_with = ("any effect that depends on the same variables",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         table = Table.from_parameters(values)
@@ -132,7 +127,7 @@ class Empirical(MomentEffect):
             drawn = table.at(frame, before, heading) * rng.standard_normal((2, frame.size))
             return replace(state, report_u=u + drawn[0], report_v=v + drawn[1])
         implicit = {"wind_direction", "wind_speed"} & set(table.variables)
-        for _ in range(ITERATIONS if implicit else 1):
+        for _ in range(8 if implicit else 1):
             u, v = _changed(table.component, table.at(frame, (u, v), heading), frame, before)
         return replace(state, report_u=u, report_v=v)
 
@@ -146,7 +141,7 @@ class Empirical(MomentEffect):
         if table.component in IRREVERSIBLE:
             return state
         sent = u, v = state.report_u, state.report_v
-        for _ in range(INVERSE_ITERATIONS):
+        for _ in range(12):  # a change of 20 % converges to 1e-6
             value = table.at(frame, sent, _heading(frame, (u, v)))
             again = _changed(table.component, value, frame, (u, v))
             u, v = u + sent[0] - again[0], v + sent[1] - again[1]
@@ -208,7 +203,6 @@ def mapped_speed(speed: Floats, speeds: Floats, sent: Floats) -> Floats:
 
 
 def _heading(frame: Frame, wind: Wind) -> Floats:
-    """Heading implied by a wind, rad."""
     return np.arctan2(frame.ground_u - wind[0], frame.ground_v - wind[1])
 
 

@@ -16,6 +16,7 @@ class HardIron(CycleEffect):
     """Permanent field of the airframe: error amplitude sin(m + phase) times H_ref / H.
 
     The amplitude refers to ``at_horizontal_field_nT``, by default the median H of the archive.
+    Vertical soft iron (proportional to tan dip) is the same within one region.
     """
 
     name = "hard_iron"
@@ -39,20 +40,9 @@ class HardIron(CycleEffect):
     parameters = (
         Parameter("amplitude_deg", "degree", 4.0, "amplitude at the stated H", required=True),
         Parameter("phase_deg", "degree", 180.0, "error = amplitude sin(magnetic heading + phase)"),
-        Parameter(
-            "at_horizontal_field_nT",
-            "nT",
-            0.0,
-            "H the amplitude is stated at; the archive's median H where not given",
-            default=None,
-        ),
+        Parameter("at_horizontal_field_nT", "nT", 0.0, "its H; null: the median", None),
     )
     needs = ("magnetic_heading",)
-    confused_with = (
-        "reference wind bias: identical across the heading",
-        "vertical soft iron: one cycle proportional to tan(dip), equal within one region",
-        "soft_iron: where headings lie in two lobes",
-    )
 
     column_scales = np.radians([2.5, 2.5])
 

@@ -32,16 +32,8 @@ class HeadingCoding(MomentEffect):
     source = "ARINC 429, labels 014 and 320 (resolution); WMO No. 958, AMDAR Reference Manual."
     parameters = (
         Parameter("step_deg", "degree", 5.0, "step of the heading", required=True),
-        Parameter(
-            "true_north",
-            "1",
-            0.0,
-            "true: counted from true north; null: from magnetic north",
-            None,
-            number=False,
-        ),
+        Parameter("true_north", "", 0.0, "true: from true north; null: from magnetic north", None),
     )
-    confused_with = ("scatter across the heading: where the step is finer than the noise",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         # the implied air vector is rotated to the nearest step

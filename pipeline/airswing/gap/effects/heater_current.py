@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from itertools import combinations
-from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+import pandas as pd
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
@@ -16,22 +16,15 @@ from airswing.gap.effects.base import (
     OffsetAndCycle,
     Parameter,
     Parameters,
-    absent_context,
     known,
+    missing_context,
     number,
 )
 from airswing.synthetic.sealed.draws import Both, Draw
 from airswing.units import ZERO_CELSIUS
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 EDGES = (5, 0, -5, -10, -15, -20)
 """Temperatures at which a heater may switch, degC: on below one, or between two."""
-CODED = 1.0
-"""Step of coded temperatures, K: a report at an edge is half on either side."""
-COLDEST = -100.0
-"""Lower edge of an open band, degC."""
 
 
 def _subsets() -> tuple[tuple[int, ...], ...]:
@@ -76,9 +69,7 @@ class HeaterCurrent(OffsetAndCycle):
         places=("icing", "temperature"),
         read_from=(("across", "icing"),),
     )
-    distinguished_by: ClassVar[Mapping[str, str]] = {
-        "compass_offset": "the icing flag, on and off on each heading"
-    }
+    distinguished_by = {"compass_offset": "the icing flag, on and off on each heading"}
     physics = (
         "The direct current of electric de-icing makes a magnetic field fixed in the aircraft; the "
         "compass deviates while it flows. Its one cycle grows as 1/H like any hard iron, which "
@@ -89,24 +80,13 @@ class HeaterCurrent(OffsetAndCycle):
     needs = ("magnetic_heading",)
     parameters = (
         *OffsetAndCycle.parameters,
-        Parameter(
-            "between_degC",
-            "degC",
-            0.0,
-            "[low, high]: on by temperature; null: by the icing flag",
-            None,
-            number=False,
-        ),
+        Parameter("between_degC", "", 0.0, "[low, high]: on by temperature; null: by flag", None),
     )
     column_scales = np.tile(OffsetAndCycle.column_scales, 1 + len(EDGES))
     alternatives = _subsets()
     # temperatures in whole degrees blur the edges of a band by half a degree: 0.9 for a band of ten
     # degrees in simulated archives
     reliability = 0.93
-    confused_with = (
-        "hard_iron, compass_offset: where icing protection is on most of the time",
-        "errors of airspeed in icing: along the heading, separable where headings vary",
-    )
 
     def tied(self, subset: tuple[int, ...]) -> Floats:
         # the two edges of a band have opposite coefficients
@@ -133,7 +113,7 @@ class HeaterCurrent(OffsetAndCycle):
 
     def error(self, frame: Frame, values: Parameters) -> Floats:
         if values["between_degC"] is None:
-            if (absent := absent_context(frame, "icing")) is not None:
+            if (absent := missing_context(frame, "icing", may_be_constant=True)) is not None:
                 raise InputError(
                     f"effect {self.name} by the icing flag cannot be simulated",
                     field="icing",
@@ -154,7 +134,7 @@ class HeaterCurrent(OffsetAndCycle):
         values, errors = super().to_parameters(coefficients[part], covariance[part, part], frame)
         band = None
         if first > 0:
-            low = float(EDGES[int(used[1]) - 1]) if used.size > 1 else COLDEST
+            low = float(EDGES[int(used[1]) - 1]) if used.size > 1 else -100.0  # open
             band = [low, float(EDGES[first - 1])]
         return values | {"between_degC": band}, errors
 
@@ -175,8 +155,11 @@ class HeaterCurrent(OffsetAndCycle):
 
 
 def _colder(frame: Frame, edge: float) -> Floats:
-    """Return 1 where colder than an edge (degC), 0.5 at the edge, 0 where warmer or unknown."""
-    below = (edge + ZERO_CELSIUS - frame.temperature) / CODED + 0.5
+    """Return 1 where colder than an edge (degC), 0 where warmer or unknown; linear over 1 K.
+
+    Temperatures are coded in steps of 1 K: a report at an edge is half on either side.
+    """
+    below = edge + ZERO_CELSIUS - frame.temperature + 0.5
     return np.asarray(np.nan_to_num(np.clip(below, 0.0, 1.0)))
 
 

@@ -43,17 +43,11 @@ class ReferenceGridRelative(ProportionalEffect):
     )
     source = "NCEP GRIB documentation, resolution and component flags (uvRelativeToGrid)."
     parameters = (
-        Parameter(
-            "fraction", "1", 1.0, "1: rotation missing; -1: one rotation too many", required=True
-        ),
+        Parameter("fraction", "1", 1.0, "1: rotation missing; -1: one too many", required=True),
     )
     scope = "reference"
     stage = "atmosphere"
     needs = ("grid_convergence",)
-    confused_with = (
-        "hard_iron: where the wind is steady: turned, it is off by one cycle in the heading",
-        "declination_error: both turn with longitude, one the wind, the other the heading",
-    )
 
     def columns(self, frame: Frame) -> Floats:
         # the wind's right-hand normal times the convergence angle

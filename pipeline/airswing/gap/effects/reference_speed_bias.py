@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
@@ -24,13 +24,8 @@ from airswing.gap.effects.base import (
 )
 from airswing.synthetic.sealed.draws import Draw, sign
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 LEVELS = tuple(float(level) for level in range(875, 200, -50))
 """Candidate limits of a bias, hPa: midway between model levels every 50 hPa."""
-HALF = 25.0
-"""Between a level with the bias and one without, 50 hPa apart, the bias changes linearly."""
 
 
 def _above(rng: np.random.Generator) -> dict[str, object]:
@@ -78,10 +73,6 @@ class ReferenceSpeedBias(Effect):
     )
     scope = "reference"
     stage = "atmosphere"
-    confused_with = (
-        "regression dilution: model error makes reports seem 1 to 8 percent weaker",
-        "tas_scale: where aircraft always fly along the wind",
-    )
     # at all levels, above each, below each
     column_scales = np.full(1 + 2 * len(LEVELS), 0.05)
     alternatives = tuple((k,) for k in range(1 + 2 * len(LEVELS)))
@@ -90,7 +81,8 @@ class ReferenceSpeedBias(Effect):
         return self._columns(frame, 1e-9)
 
     def softened_columns(self, frame: Frame) -> Floats:
-        return self._columns(frame, HALF)
+        # between a level with the bias and one without, 50 hPa apart, the bias changes linearly
+        return self._columns(frame, 25.0)
 
     def _columns(self, frame: Frame, half: float) -> Floats:
         apart = np.array(LEVELS)[:, None] - frame.pressure / 100.0

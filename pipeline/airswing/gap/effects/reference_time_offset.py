@@ -34,24 +34,13 @@ class ReferenceTimeOffset(ProportionalEffect, WindEffect):
     )
     source = "Second-order interpolation of the reference wind in time."
     parameters = (
-        Parameter(
-            "offset_h",
-            "hour",
-            1.0,
-            "positive: fields show a later time than stamped",
-            required=True,
-            si=3600.0,
-        ),
+        Parameter("offset_h", "hour", 1.0, "positive: fields of a later time", required=True),
     )
     scope = "reference"
     needs = ("dudt",)
     # share of the first order, which is searched, in the energy of an offset of an hour: 0.67 to
     # 0.81 in simulated archives
     reliability = 0.7
-    confused_with = (
-        "time_lag: where the wind's change along the path is its change in time",
-        "a model whose waves move too fast or too slowly",
-    )
 
     def columns(self, frame: Frame) -> Floats:
         tendency = np.stack([frame.dudt, frame.dvdt], axis=-1)

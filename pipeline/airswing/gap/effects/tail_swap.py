@@ -26,14 +26,11 @@ class TailSwap(MomentEffect):
         "report shows the deviation and airspeed error of the other aircraft."
     )
     source = "Fleet records that change identifiers; no free parameter besides pair and date."
-    parameters = (
-        Parameter("pair", "", 0.0, "the two aircraft", None, required=True, number=False),
-    )
+    parameters = (Parameter("pair", "", 0.0, "the two aircraft", None, required=True),)
     scope = "pair"
     kind = "swap"
     stage = "identity"
     needs = ("time",)
-    confused_with = ("compass_step: of both aircraft at one date, by opposite amounts",)
 
     def testable(self, frame: Frame) -> str | None:
         if np.unique(frame.aircraft).size < 2:

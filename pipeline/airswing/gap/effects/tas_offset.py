@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from airswing.gap.arrays import Floats
 from airswing.gap.effects.base import AirspeedEffect, Parameter, Parameters, number
 from airswing.synthetic.sealed.draws import Draw, Signed
@@ -16,9 +13,7 @@ class TasOffset(AirspeedEffect):
     name = "tas_offset"
     title = "airspeed wrong by an amount"
     draw = Draw(Signed("offset_m_s"), ("offset_m_s",), on_real_data=True, compared=("offset_m_s",))
-    distinguished_by: ClassVar[Mapping[str, str]] = {
-        "tas_scale": "reports over a wider range of airspeeds"
-    }
+    distinguished_by = {"tas_scale": "reports over a wider range of airspeeds"}
     physics = (
         "A zero error of the pressure transducers makes the airspeed wrong by an amount rather "
         "than a factor; the reported wind is wrong along the heading only."
@@ -27,7 +22,6 @@ class TasOffset(AirspeedEffect):
     parameters = (
         Parameter("offset_m_s", "m/s", 2.0, "positive: airspeed too high", required=True),
     )
-    confused_with = ("tas_scale: where the airspeed varies little",)
 
     def indicated(self, airspeed: Floats, values: Parameters) -> Floats:
         return airspeed + number(values["offset_m_s"])

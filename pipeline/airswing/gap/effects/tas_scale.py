@@ -39,11 +39,8 @@ class TasScale(AirspeedEffect):
         "de Haan 2011, J. Geophys. Res. 116, D10111; Lenschow 1986, Probing the Atmospheric BL."
     )
     parameters = (
-        Parameter(
-            "scale_percent", "percent", 2.0, "positive: airspeed too high", required=True, si=0.01
-        ),
+        Parameter("scale_percent", "percent", 2.0, "positive: airspeed too high", required=True),
     )
-    confused_with = ("tas_offset: where the airspeed varies little",)
 
     def columns(self, frame: Frame) -> Floats:
         return np.asarray(frame.airspeed[:, None] * super().columns(frame))

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
@@ -33,7 +30,7 @@ class TimeLag(ProportionalEffect, WindEffect):
     name = "time_lag"
     title = "wind older than its position and time"
     draw = Draw(_late, ("offset_s",), compared=("offset_s",))
-    distinguished_by: ClassVar[Mapping[str, str]] = {
+    distinguished_by = {
         "altitude_offset": "both climbs and descents through the same shear",
         "reference_time_offset": "flights against the motion of the weather",
     }
@@ -43,15 +40,9 @@ class TimeLag(ProportionalEffect, WindEffect):
     )
     source = "First-order Taylor expansion of the reference wind along the path."
     parameters = (
-        Parameter(
-            "offset_s", "s", 60.0, "positive: wind older than position and time", required=True
-        ),
+        Parameter("offset_s", "s", 60.0, "positive: older than position and time", required=True),
     )
     needs = ("dudt", "dudx")
-    confused_with = (
-        "altitude_offset: in climb alone or in descent alone",
-        "reference_time_offset: where the wind's change along the path is its change in time",
-    )
     reliability = 0.93  # correlation with the true change along the path in simulated archives
 
     def columns(self, frame: Frame) -> Floats:

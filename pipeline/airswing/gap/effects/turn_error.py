@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import RELIABILITY
 from airswing.gap.arrays import Booleans, Floats
-from airswing.gap.effects.base import DEGREE, HeadingEffect, Parameter, ProportionalEffect
+from airswing.gap.effects.base import HeadingEffect, Parameter, ProportionalEffect
 from airswing.synthetic.sealed.draws import Draw, Signed
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-BANKED = float(np.radians(2.0))
-"""Bank above which an aircraft is in a turn, rad."""
 
 
 def _turning(frame: pd.DataFrame, values: Mapping[str, object]) -> Booleans:
-    return np.asarray(frame["bank"].abs() > BANKED)
+    return np.asarray(frame["bank"].abs() > np.radians(2.0))
 
 
 class TurnError(ProportionalEffect, HeadingEffect):
@@ -45,16 +39,10 @@ class TurnError(ProportionalEffect, HeadingEffect):
     source = "FAA-H-8083-15B, Instrument Flying Handbook, ch. 5 (northerly turning error)."
     parameters = (
         Parameter(
-            "amplitude_deg",
-            "degree",
-            20.0,
-            "at a bank of one radian and a dip of 45 degrees; may be negative",
-            required=True,
-            si=DEGREE,
+            "amplitude_deg", "degree", 20.0, "at 1 rad and a dip of 45 degrees", required=True
         ),
     )
     needs = ("magnetic_heading", "bank", "dip")
-    confused_with = ("noise of the ground velocity: bank is inferred from the turning track",)
     reliability = RELIABILITY["bank"]
 
     def basis(self, frame: Frame) -> Floats:

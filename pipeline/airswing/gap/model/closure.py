@@ -18,13 +18,8 @@ from airswing.gap.model.refit import BLOCK
 from airswing.gap.result.schema import ClosesEntry
 from airswing.units import KNOT, NORMAL_95
 
-#: Bootstrap samples of days, and draws of the coefficients, on every how many-th report.
-SAMPLES, COEFFICIENTS, EVERY = 400, 30, 5
-#: Share of the energy of a sector of two knots that hat functions hold (least squares on sectors at
-#: random places: 0.90; 0.95 of four knots).
-SHAPE = 0.9
-#: kt: as stated, with two decimals, a value lies within its interval.
-ROUNDING = 0.005
+#: Bootstrap samples of days.
+SAMPLES = 400
 
 
 @dataclass(frozen=True)
@@ -81,7 +76,8 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
 
 
 def _step(value: float, drawn: Floats, doubt: float, unseen: float) -> ClosesEntry:
-    half = NORMAL_95 * float(np.hypot(drawn.std(), doubt)) + ROUNDING
+    # as stated, with two decimals, a value lies within its interval
+    half = NORMAL_95 * float(np.hypot(drawn.std(), doubt)) + 0.005
     value = float(value)
     return ClosesEntry(value, [value - half, value + half + unseen * max(value, 0.0)])
 
@@ -90,10 +86,11 @@ def _unseen(fitted: Fitted, claim: Sequence[int]) -> float:
     """Ratio of the closure that a claim may miss to its closure, 1 / q - 1.
 
     q is the share of an effect's energy that its columns hold: the reliability of inferred context,
-    of tables times `SHAPE` a variable.
+    of tables times 0.9 a variable, the share of a sector of two knots that hat functions hold
+    (least squares on sectors at random places; 0.95 of four knots).
     """
     groups = [fitted.terms[k].group for k in claim]
-    held = [g.reliability * (1.0 if g.named else SHAPE ** len(g.variables)) for g in groups]
+    held = [g.reliability * (1.0 if g.named else 0.9 ** len(g.variables)) for g in groups]
     return 1.0 / min(held) - 1.0
 
 
@@ -109,10 +106,11 @@ def _coefficient_doubt(
     values, vectors = np.linalg.eigh(exact.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     terms = range(len(fitted.terms))
-    base = [response.linear(k, exact.theta)[::EVERY] for k in terms]
-    shifts = [root @ rng.standard_normal(root.shape[1]) for _ in range(COEFFICIENTS)]
-    moved = [[response.linear(k, shift)[::EVERY] for k in terms] for shift in shifts]
-    residual = fitted.frame.residual[::EVERY]
+    # thirty draws on every fifth report
+    base = [response.linear(k, exact.theta)[::5] for k in terms]
+    shifts = [root @ rng.standard_normal(root.shape[1]) for _ in range(30)]
+    moved = [[response.linear(k, shift)[::5] for k in terms] for shift in shifts]
+    residual = fitted.frame.residual[::5]
     out = []
     for claim in [*claims, [k for one in claims for k in one]]:
         rest = residual - sum((base[k] for k in claim), np.zeros_like(residual))

@@ -17,22 +17,17 @@ from scipy.stats import chi2, false_discovery_control
 
 from airswing.gap.archive.reported_variables import CATEGORIES
 from airswing.gap.arrays import Booleans, Floats
-from airswing.gap.model.candidates import CYCLES, Table
+from airswing.gap.model.candidates import CYCLES, Curve
 from airswing.gap.model.evidence import common_variance
 from airswing.gap.model.refit import fold_of_day
 from airswing.gap.model.terms import Model
 from airswing.gap.result.schema import CurveEntry, SliceEntry
 
-#: Table by which an aircraft as a whole is judged.
-AIRCRAFT_TABLE = "magnetic_heading|heading_angle"
-#: Least information of a direction of a slice that counts, relative to the largest.
-KNOWN = 1e-3
-
 
 def score_test(information: Floats, score: Floats, factor: float) -> tuple[float, Floats]:
     """Chi-squared p value of a score, and the estimate, (m,)."""
     values, vectors = np.linalg.eigh(information)
-    kept = values > KNOWN * max(values[-1], 1e-300)
+    kept = values > 1e-3 * max(values[-1], 1e-300)  # directions of hardly any information
     half = vectors[:, kept] / np.sqrt(values[kept])
     projected = half.T @ score
     p_value = float(chi2.sf(float(projected @ projected) / factor, int(kept.sum())))
@@ -55,31 +50,21 @@ def slices(model: Model) -> list[SliceEntry]:
     if half.all() or not half.any():
         half = np.arange(sums.D) % 2 == 0
     rows: list[SliceEntry] = []
-
-    def add(
-        about: tuple[str, str, str],
-        values: list[str],
-        tests: tuple[float, float],
-        knots: list[str],
-        curve: Floats,
-    ) -> None:
-        (variable, component, name), (p_value, energy) = about, tests
-        found = CurveEntry(knots, [float(x) for x in curve])
-        rows.append(SliceEntry(variable, component, values, 0.0, 1.0, p_value, energy, name, found))
-
     for group in (g for g in sums.candidates.groups if g.kind == "table" and g.form == (0,)):
         found = model.statistics(group)
         score = model.day_score[:, :, group.columns] @ group.transform
-        knots = knots_in_words(sums.candidates.table_of(group))
-        if group.name == AIRCRAFT_TABLE:
+        knots = knots_in_words(sums.candidates.table_of(group).curves[0])
+        if group.name == "magnetic_heading|heading_angle":
             for a, tail in enumerate(sums.frame.tails):
                 information = found.information[a]
                 if np.trace(information) <= 0:
                     continue
                 factor = max(1.0, float(found.factor[a]))
                 p_value, estimate = score_test(information, score[a].sum(axis=0), factor)
-                tests = p_value, cross_fitted(information, score[a], half)
-                add(("aircraft", "both", ""), [tail], tests, knots, estimate)
+                energy = cross_fitted(information, score[a], half)
+                curve = CurveEntry(knots, estimate.tolist())
+                entry = SliceEntry("aircraft", "both", [tail], 0.0, 1.0, p_value, energy, "", curve)
+                rows.append(entry)
         information = found.fleet_information
         if np.trace(information) <= 1e-9:
             continue
@@ -90,9 +75,10 @@ def slices(model: Model) -> list[SliceEntry]:
         spread = np.linalg.solve(variance + found.fleet_inverse, coefficients)
         p_value = float(chi2.sf(float(coefficients @ spread), coefficients.size))
         _, estimate = score_test(information, whole, 1.0)
-        tests = p_value, cross_fitted(information, score.sum(axis=0), half)
-        about = group.variables[0], group.component, group.name
-        add(about, knots, tests, knots, group.transform @ estimate)
+        energy = cross_fitted(information, score.sum(axis=0), half)
+        curve = CurveEntry(knots, (group.transform @ estimate).tolist())
+        variable, component, name = group.variables[0], group.component, group.name
+        rows.append(SliceEntry(variable, component, knots, 0.0, 1.0, p_value, energy, name, curve))
     quality = false_discovery_control([row.p_value for row in rows]) if rows else np.zeros(0)
     aircraft = sum(max(row.energy, 0.0) for row in rows if row.variable == "aircraft")
     total = max(aircraft, max((row.energy for row in rows), default=0.0), 1e-9)
@@ -103,15 +89,10 @@ def slices(model: Model) -> list[SliceEntry]:
     return sorted(out, key=lambda row: -row.share_of_gap)
 
 
-def knots_in_words(table: Table) -> list[str]:
-    """Knots of a table's variables in their units, categories by name, cycles as ``sin2``."""
-    out = [""]
-    for curve in table.curves:
-        if curve.variable == "magnetic_heading" and curve.knots.size == 1:
-            knots = ["constant", *(f"{f}{k}" for k in range(1, CYCLES + 1) for f in ("sin", "cos"))]
-        elif curve.variable in CATEGORIES:
-            knots = [CATEGORIES[curve.variable][int(knot)] for knot in curve.knots]
-        else:
-            knots = [f"{knot:.5g}" for knot in curve.knots]
-        out = [f"{one}; {knot}" if one else knot for one in out for knot in knots]
-    return out
+def knots_in_words(curve: Curve) -> list[str]:
+    """Knots of a variable in its unit, categories by name, cycles as ``sin2``."""
+    if curve.variable == "magnetic_heading" and curve.knots.size == 1:
+        return ["constant", *(f"{f}{k}" for k in range(1, CYCLES + 1) for f in ("sin", "cos"))]
+    if curve.variable in CATEGORIES:
+        return [CATEGORIES[curve.variable][int(knot)] for knot in curve.knots]
+    return [f"{knot:.5g}" for knot in curve.knots]

@@ -28,10 +28,6 @@ from airswing.gap.model.terms import Model, Term, set_prior
 from airswing.gap.noise import NoiseFit, fit_noise
 
 LOG = logging.getLogger(__name__)
-#: Size from which the model is linearised about an effect, m/s rms where it acts: at 120 m/s it is
-#: half a degree, where first order errs by 0.4 % of the effect; and at single reports, where an
-#: effect is in danger of being taken for gross errors.
-LARGE, PEAK = 1.0, 2.5
 
 
 @dataclass
@@ -135,7 +131,6 @@ def _with_exchange(
     tables: bool,
     seed: int,
 ) -> Fitted | None:
-    """The archive with corrected identifiers, where its evidence is larger."""
     frame = exchanged(fitted.frame, found, fitted.model.sums)
     other = prepared(frame, effects, tables=tables, seed=seed, noise=fitted.noise)
     other.terms = search(other.model)
@@ -165,14 +160,15 @@ def is_sensor(term: Term, effects: Mapping[str, Effect]) -> bool:
 
 
 def _linearised(fitted: Fitted, effects: Mapping[str, Effect], tables: bool, seed: int) -> Fitted:
-    """A second pass about the sensor effects found, where they are large."""
     exact, terms = fitted.exact, fitted.terms
     linear = [exact.effect(k) for k in range(len(terms))]
     sensor = [k for k in range(len(terms)) if exact.response.sensor[k]]
     errors = sum((linear[k] for k in sensor), np.zeros((fitted.frame.size, 2)))
     size = np.hypot(*errors.T)
     acting = size[size > 1e-3 * size.max(initial=0.0)]
-    if not acting.size or (np.sqrt((acting**2).mean()) < LARGE and acting.max() < PEAK):
+    # 1 m/s rms is half a degree at 120 m/s, where first order errs by 0.4 % of the effect; from
+    # 2.5 m/s at single reports on it may be taken for gross errors
+    if not acting.size or (np.sqrt((acting**2).mean()) < 1.0 and acting.max() < 2.5):
         return fitted
     LOG.debug("second pass")
     corrected, _, _ = without_errors(fitted.frame, errors)

@@ -25,16 +25,6 @@ from airswing.gap.arrays import Floats, Integers, Singles
 from airswing.gap.model.terms import Columns, Model
 from airswing.physics.triangle import wind_from_triangle
 
-#: Ratios of tau to s: from one size of all aircraft to independent ones, in steps of two.
-SPREADS = 2.0 ** -np.arange(7.0)
-#: Multiples of s of the search, whose grid has steps of three.
-FACTORS = np.array([0.5, 1.0, 2.0, 4.0])
-#: Least share of the energy of instruments in the columns of the reports, in any direction:
-#: functions of the reported wind have less, and are fitted by columns averaged over likely winds
-#: (Berkson's case, unbiased).
-WEAK = 0.5
-#: Newton steps at most, and the step (m/s) at which they end.
-STEPS, SETTLED = 8, 1e-3
 #: Groups of days, and days in a block: weather lasts for two days.
 FOLDS, BLOCK = 5, 2
 
@@ -184,7 +174,8 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
     curved = [k for k in range(len(model.terms)) if response.curved[k] is not None]
     by_fold = products()
     theta = np.array(model.theta)
-    for step in range(STEPS + 1):
+    steps = 8
+    for step in range(steps + 1):
         for k in curved:
             raw = sums.whitened(response.derivative(k, theta))
             exact[k + 1] = instruments[k + 1] = Columns(sums, model.terms[k], raw)
@@ -202,11 +193,11 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
                 for j in range(folds):
                     chosen = of_row[span] == j
                     scores[j, start + at] += values[chosen].T @ inverse[span][chosen]
-        if step == STEPS:
+        if step == steps:
             break
         move = np.linalg.solve(whole, scores.sum(axis=0) - precision @ theta)
         theta = theta + move
-        if np.abs(move).max(initial=0.0) < SETTLED:
+        if np.abs(move).max(initial=0.0) < 1e-3:  # m/s
             break
     inner = np.linalg.inv(whole)
     gram = np.block([[one.product(other) for other in instruments] for one in instruments])
@@ -227,12 +218,16 @@ def _block(precision: Floats, model: Model, terms: Sequence[int]) -> Floats:
 
 
 def _is_weak(z: Sequence[Columns], x: Sequence[Columns], prior: Floats) -> bool:
-    """Whether columns x share little with their instruments z in some direction."""
+    """Whether columns x share less than half with their instruments z in some direction.
+
+    So do functions of the reported wind, which are fitted by columns averaged over likely winds
+    (Berkson's case, unbiased).
+    """
     gram = np.block([[one.product(other) for other in z] for one in z]) + prior
     cross = np.block([[one.product(other) for other in x] for one in z]) + prior
     inner = np.linalg.inv(np.linalg.cholesky(gram))
     shared = inner @ cross @ inner.T
-    return bool(np.linalg.eigvalsh((shared + shared.T) / 2)[0] < WEAK)
+    return bool(np.linalg.eigvalsh((shared + shared.T) / 2)[0] < 0.5)
 
 
 def _precision(model: Model) -> Floats:
@@ -241,11 +236,13 @@ def _precision(model: Model) -> Floats:
     gram, score = gram / model.kappa, score / model.kappa
     for k, term in enumerate(model.terms):
         block = slice(int(model.offsets[k + 1]), int(model.offsets[k + 2]))
-        spreads = SPREADS if term.scope == "a" and len(term.tails) > 1 else SPREADS[:1]
+        # tau from that of independent aircraft (s) to one size of all in steps of two; multiples of
+        # the s of the search, whose grid has steps of three
+        several = term.scope == "a" and len(term.tails) > 1
         options = [
-            replace(term, scale=term.scale * factor, spread=spread).precision
-            for factor in FACTORS
-            for spread in spreads
+            replace(term, scale=term.scale * factor, spread=2.0**-j).precision
+            for factor in (0.5, 1.0, 2.0, 4.0)
+            for j in range(7 if several else 1)
         ]
         each = []
         for option in options:

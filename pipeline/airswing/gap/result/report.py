@@ -33,22 +33,19 @@ from airswing.gap.result.schema import (
 from airswing.gap.result.statement import Claim, effect_entry, place_entry, probability
 from airswing.units import DAY, KNOT
 
-#: Log evidence of independent reports below which an error outside the catalogue may stay
-#: unstated, and the size that every fleet has, m/s: see `could_hide`.
-STATED_FROM, EVERY_FLEET = 2000.0, 0.2
-
 
 def could_hide(disagreement: float, reports: int) -> float:
     """Reduction (kt) by an error outside the catalogue that would not be stated.
 
     An error of rms s on a share f of n reports has log evidence E = n f s^2 / (2 sigma^2) and
     closes m f s^2 / (4 sigma^2) = m E / (2 n) of a mean disagreement m, with m = sigma sqrt(pi / 2)
-    for two normal components.
+    for two normal components. It may stay unstated below a log evidence of independent reports of
+    2000, and below 0.2 m/s, which every fleet has.
     """
     if disagreement <= 0.0 or reports <= 0:
         return 0.0
-    unseen = 0.5 * disagreement * STATED_FROM / reports
-    small = np.pi / 8.0 * (EVERY_FLEET / KNOT) ** 2 / disagreement
+    unseen = 0.5 * disagreement * 2000.0 / reports
+    small = np.pi / 8.0 * (0.2 / KNOT) ** 2 / disagreement
     return float(min(unseen + small, disagreement))
 
 
@@ -62,7 +59,6 @@ def assemble(
 ) -> GapReport:
     """Content of gap.json without the checks; ``unseen`` are effects that change no mean."""
     frame, sums = fitted.frame, fitted.model.sums
-
     entries: list[EffectEntry | PlaceEntry] = [
         effect_entry(fitted, claim, effects, step)
         if claim.named
@@ -76,14 +72,15 @@ def assemble(
     places = [entry for entry in entries if isinstance(entry, PlaceEntry)]
     steps = []
     for entry in entries:
-        closed = entry.closure or ClosesEntry(0.0, [0.0, 0.0])
         if isinstance(entry, PlaceEntry):
             name = f"unknown: {' x '.join(entry.variables)}"
         else:
             name = entry.name
-        steps.append(EffectClosureEntry(name, closed.reduction, closed.reduction_ci))
+        one = entry.closure or ClosesEntry(0.0, [0.0, 0.0])
+        steps.append(EffectClosureEntry(name, one.reduction, one.reduction_ci))
     value, low, high = _sum(steps, closure)
     before, hidden = closure.before, could_hide(closure.before, frame.size)
+    whole = closure.whole.reduction if closure.whole.reduction > 1e-6 else np.inf
     unnamed = [step for step in steps if step.name.startswith("unknown: ")]
     if not entries:
         # where nothing is stated the interval holds what could hide
@@ -91,7 +88,16 @@ def assemble(
     named.sort(key=lambda entry: -entry.held_out_energy)
     energy = sum(max(e.held_out_energy, 0.0) for e in named) or 1.0
     best = max((claim.gate for claim in claims), default=0.0)
-    left = before - (value - sum(step.reduction for step in unnamed))
+    unknown = None
+    if unnamed:
+        closed = sum(step.reduction for step in unnamed)
+        half = float(np.sqrt(sum((s.reduction_ci[1] - s.reduction) ** 2 for s in unnamed)))
+        left, interval = before - (value - closed), [closed - half, closed + half]
+        unknown = UnknownClosureEntry(left, left - closed, closed, interval)
+    waterfall = [StepEntry("reports as they are", before, None)]
+    for step in steps:
+        waterfall.append(StepEntry(step.name, waterfall[-1].kt - step.reduction, step.reduction_ci))
+    waterfall.append(StepEntry("noise floor", waterfall[-1].kt, None))
     return GapReport(
         gap=DisagreementEntry(before, before - value, float(np.exp(-max(best, 0.0)))),
         where=[row for row in where if row.q_value < 0.05][:20],
@@ -99,11 +105,13 @@ def assemble(
             replace(
                 entry,
                 share_of_energy=max(entry.held_out_energy, 0.0) / energy,
-                share_of_gap=_share(entry.closure, closure.whole.reduction),
+                share_of_gap=float(np.clip(entry.closure.reduction / whole, 0, 1))
+                if entry.closure
+                else 0.0,
             )
             for entry in named
         ],
-        unknown=UnknownEntry(bool(places), places, _unknown_closure(left, unnamed)),
+        unknown=UnknownEntry(bool(places), places, unknown),
         closure=ClosureEntry(
             before=before,
             after=before - value,
@@ -125,17 +133,11 @@ def assemble(
             aircraft=len(frame.tails),
         ),
         noise=_noise_entry(fitted),
-        waterfall=_waterfall(before, steps),
+        waterfall=waterfall,
         evidence=_evidence_entries(fitted),
         slices=list(where),
         ambiguity={entry.name: entry.ambiguity for entry in named},
     )
-
-
-def _share(closed: ClosesEntry | None, total: float) -> float:
-    if closed is None or total <= 1e-6:
-        return 0.0
-    return float(np.clip(closed.reduction / total, 0, 1))
 
 
 def _sum(steps: Sequence[EffectClosureEntry], closure: Closure) -> tuple[float, float, float]:
@@ -148,16 +150,6 @@ def _sum(steps: Sequence[EffectClosureEntry], closure: Closure) -> tuple[float, 
         above = float(np.hypot(above, step.reduction_ci[1] - step.reduction))
         value += step.reduction
     return value, value - below, value + above
-
-
-def _unknown_closure(
-    before: float, steps: Sequence[EffectClosureEntry]
-) -> UnknownClosureEntry | None:
-    if not steps:
-        return None
-    value = sum(step.reduction for step in steps)
-    half = float(np.sqrt(sum((step.reduction_ci[1] - step.reduction) ** 2 for step in steps)))
-    return UnknownClosureEntry(before, before - value, value, [value - half, value + half])
 
 
 def _exchange_entry(fitted: Fitted) -> EffectEntry:
@@ -179,16 +171,7 @@ def _exchange_entry(fitted: Fitted) -> EffectEntry:
     )
 
 
-def _waterfall(before: float, steps: Sequence[EffectClosureEntry]) -> list[StepEntry]:
-    out, now = [StepEntry("reports as they are", before, None)], before
-    for step in steps:
-        now -= step.reduction
-        out.append(StepEntry(step.name, now, step.reduction_ci))
-    return [*out, StepEntry("noise floor", now, None)]
-
-
 def _evidence_entries(fitted: Fitted) -> list[EvidenceEntry]:
-    """Each term and the rivals of its contest."""
     out = []
     for term in fitted.terms:
         for apart, name, scope in [(0.0, term.group.name, term.scope), *term.rivals]:
@@ -210,7 +193,6 @@ def _evidence_entries(fitted: Fitted) -> list[EvidenceEntry]:
 
 
 def _noise_entry(fitted: Fitted) -> NoiseEntry:
-    """Noise model, and standard deviations of weather and climatology."""
     noise, model = fitted.noise, fitted.noise.model
     theta = fitted.exact.theta[: fitted.model.base.group.size]
     return NoiseEntry(
@@ -278,17 +260,15 @@ def binned(values: Floats, key: Integers, flight: Integers, size: int) -> tuple[
     ok = key >= 0
     values, key, flight = values[ok], key[ok], flight[ok]
     count = np.bincount(key, minlength=size).astype(float)
+    pairs, where = np.unique(np.stack([key, flight]), axis=1, return_inverse=True)
+    clusters = np.bincount(pairs[0], minlength=size).astype(float)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(key, values, minlength=size) / count
-    pairs, where = np.unique(np.stack([key, flight]), axis=1, return_inverse=True)
-    sums = np.bincount(where.ravel(), values - mean[key], minlength=pairs.shape[1])
-    clusters = np.bincount(pairs[0], minlength=size).astype(float)
-    square = np.bincount(pairs[0], sums**2, minlength=size)
-    with np.errstate(invalid="ignore", divide="ignore"):
+        sums = np.bincount(where.ravel(), values - mean[key], minlength=pairs.shape[1])
+        square = np.bincount(pairs[0], sums**2, minlength=size)
         error = np.sqrt(square * clusters / (clusters - 1)) / count
-    error[clusters < 2] = np.nan
-    mean[clusters < 2] = np.nan
-    return mean, error
+    few = clusters < 2
+    return np.where(few, np.nan, mean), np.where(few, np.nan, error)
 
 
 def residual_maps(frame: Frame) -> xr.Dataset:
@@ -324,19 +304,14 @@ def residual_maps(frame: Frame) -> xr.Dataset:
         out[name] = (dims, mean.reshape(shape))
         out[f"{name}_standard_error"] = (dims, error.reshape(shape))
 
+    weekly = frame.aircraft * weeks + week
     put("heading_map", ("aircraft", "octant"), (count, 8), degrees, frame.aircraft * 8 + octant)
     put("level_map_cross", ("phase", "level"), (4, 6), across, frame.phase * 6 + level)
     put("level_map_along", ("phase", "level"), (4, 6), parallel, frame.phase * 6 + level)
     put("region_map_u", ("latitude", "longitude"), (8, 10), frame.residual[:, 0], box)
     put("region_map_v", ("latitude", "longitude"), (8, 10), frame.residual[:, 1], box)
-    put("time_line", ("aircraft", "week"), (count, weeks), degrees, frame.aircraft * weeks + week)
-    put(
-        "time_line_along",
-        ("aircraft", "week"),
-        (count, weeks),
-        parallel,
-        frame.aircraft * weeks + week,
-    )
+    put("time_line", ("aircraft", "week"), (count, weeks), degrees, weekly)
+    put("time_line_along", ("aircraft", "week"), (count, weeks), parallel, weekly)
     coords = {
         "aircraft": np.array(list(frame.tails), dtype=object),
         "octant": np.arange(8) * 45.0,

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
@@ -419,7 +419,7 @@ class GapReport:
 
     def content(self) -> dict[str, object]:
         """Mappings, lists and values, as :func:`airswing.products.whole_files.write_json` takes."""
-        return _entries(self)
+        return dict(_plain(self))
 
     @classmethod
     def of(cls, content: Mapping[str, object]) -> GapReport:
@@ -444,20 +444,14 @@ class GapReport:
             ) from err
 
 
-def _entries(entry: object) -> dict[str, object]:
-    out: dict[str, object] = {}
-    for one in fields(entry):  # type: ignore[arg-type]
-        value = getattr(entry, one.name)
-        if value is not None or not one.metadata.get("left_out"):
-            out[one.name] = _plain(value)
-    return out
-
-
-def _plain(value: object) -> object:
+def _plain(value: object) -> Any:
     if is_dataclass(value):
-        return _entries(value)
+        each = [(one, getattr(value, one.name)) for one in fields(value)]
+        return {
+            one.name: _plain(item)
+            for one, item in each
+            if item is not None or not one.metadata.get("left_out")
+        }
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

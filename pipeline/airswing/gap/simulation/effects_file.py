@@ -11,7 +11,7 @@ import difflib
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +21,12 @@ import yaml
 from airswing.config_file import load_yaml
 from airswing.errors import InputError
 from airswing.flags import published
-from airswing.gap.effects import CATALOGUE, ActiveEffect, Effect, Parameter, effect_named
+from airswing.gap.effects import CATALOGUE, ActiveEffect, Parameter, effect_named
 from airswing.gap.effects.base import number
 from airswing.gap.effects.empirical import IRREVERSIBLE
 from airswing.gap.result.schema import EffectEntry, GapReport, PlaceEntry, UnknownEntry
 from airswing.products.whole_files import plain, write_text
 from airswing.quantities import quantity
-
-KEYS = ("name", "tails", "parameters", "period")
-_HEADER = "# Effects of a simulation: airswing simulate CONFIG --effects THIS -o FILE\n"
 
 
 # ------------------------------------------------------------------------------------- reading
@@ -107,8 +104,9 @@ def _effects_of_fit(fit: xr.Dataset, tail: str) -> list[ActiveEffect]:
 def write_effects(effects: Iterable[ActiveEffect], path: Path | str) -> Path:
     """Write effects to a YAML file that `read_effects` reads, atomically."""
     content = plain_effects(effects)
-    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
-    return write_text(Path(path), _HEADER + text)
+    text = "# Effects of a simulation: airswing simulate CONFIG --effects THIS -o FILE\n"
+    text += yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
+    return write_text(Path(path), text)
 
 
 def plain_effects(effects: Iterable[ActiveEffect]) -> list[dict[str, object]]:
@@ -117,11 +115,7 @@ def plain_effects(effects: Iterable[ActiveEffect]) -> list[dict[str, object]]:
         {
             "name": active.name,
             "tails": "all" if active.tails is None else [str(tail) for tail in active.tails],
-            "parameters": {
-                name: _plain(value)
-                for name, value in active.parameters.items()
-                if value is not None
-            },
+            "parameters": {k: _plain(v) for k, v in active.parameters.items() if v is not None},
             "period": plain_period(active.period),
         }
         for active in effects
@@ -162,7 +156,8 @@ def parse_effects(content: object, *, file: object | None = None) -> list[Active
 def _entry(entry: object, file: object | None) -> ActiveEffect:
     if not isinstance(entry, Mapping):
         raise InputError("every effect must be a mapping", file=file, found=entry)
-    _check_keys(entry, KEYS, file, "unknown key in an effect")
+    keys = ("name", "tails", "parameters", "period")
+    _check_keys(entry, keys, file, "unknown key in an effect")
     name, given = entry.get("name"), entry.get("parameters") or {}
     effect = effect_named(str(name))
     if effect is None:
@@ -170,7 +165,14 @@ def _entry(entry: object, file: object | None) -> ActiveEffect:
         raise InputError("unknown effect", file=file, field="name", found=name, remedy=remedy)
     if not isinstance(given, Mapping):
         raise InputError("parameters must be a mapping", file=file, field=effect.name, found=given)
-    values = _parameters(effect, given, file)
+    known = {parameter.name: parameter for parameter in effect.parameters}
+    _check_keys(given, known, file, f"unknown parameter of effect {effect.name}", effect.name)
+    used = {str(name): value for name, value in given.items() if value is not None}
+    values = {name: _number(known[name], value, file) for name, value in used.items()}
+    try:
+        effect.complete(values)
+    except InputError as err:
+        raise InputError(err.what, file=file, field=err.field, remedy=err.remedy) from err
     tails = entry.get("tails")
     if tails == "all":
         tails = None
@@ -199,31 +201,12 @@ def _check_keys(
     names = tuple(known)
     for key in given:
         if key not in names:
-            raise InputError(
-                message, file=file, field=field, found=key, remedy=_nearest(key, names)
-            )
-
-
-def _parameters(
-    effect: Effect, given: Mapping[object, object], file: object | None
-) -> dict[str, object]:
-    known = {parameter.name: parameter for parameter in effect.parameters}
-    message = f"unknown parameter of effect {effect.name}"
-    _check_keys(given, known, file, message, effect.name)
-    values = {
-        str(name): _number(known[str(name)], value, file)
-        for name, value in given.items()
-        if value is not None
-    }
-    try:
-        effect.complete(values)
-    except InputError as err:
-        raise InputError(err.what, file=file, field=err.field, remedy=err.remedy) from err
-    return values
+            remedy = _nearest(key, names)
+            raise InputError(message, file=file, field=field, found=key, remedy=remedy)
 
 
 def _number(parameter: Parameter, value: object, file: object | None) -> object:
-    if not parameter.number:
+    if not parameter.units:
         return value
     if isinstance(value, str):
         unit = "dimensionless" if parameter.units == "1" else parameter.units
@@ -258,12 +241,7 @@ def _seconds(moment: object, file: object | None) -> float | None:
     if moment is None:
         return None
     try:
-        if isinstance(moment, datetime):
-            stamp = moment
-        elif isinstance(moment, date):
-            stamp = datetime(moment.year, moment.month, moment.day)
-        else:
-            stamp = datetime.fromisoformat(str(moment))
+        stamp = datetime.fromisoformat(str(moment))
         return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()
     except (ValueError, OverflowError) as err:
         raise InputError("is no date", file=file, field="period", found=moment) from err
@@ -281,31 +259,27 @@ def _of_effect(effect: EffectEntry, reference: str | None) -> list[dict[str, obj
     who = "all" if effect.scope == "fleet" else effect.tails
     # of a pool, of which one member alone may have the effect
     against_all = (effect.by_reference or {}).get(reference or "", effect)
-    pieces = [(who, against_all.parameters)]
+    entry = {"name": effect.name, "period": effect.period}
     if effect.per_tail:
-        pieces = [([tail], values.parameters) for tail, values in effect.per_tail.items()]
-    return [
-        {"name": effect.name, "tails": tails, "parameters": values, "period": effect.period}
-        for tails, values in pieces
-    ]
+        each = effect.per_tail.items()
+        return [entry | {"tails": tail, "parameters": one.parameters} for tail, one in each]
+    return [entry | {"tails": who, "parameters": against_all.parameters}]
 
 
 def _of_place(place: PlaceEntry) -> list[dict[str, object]]:
     curve = place.curve
     if curve.edges is None:
         return []
-    parameters = {"component": place.component, "variables": curve.variables, "edges": curve.edges}
-    pieces = [(place.tails or "all", curve.values)]
-    if curve.per_tail:
-        pieces = [([tail], values) for tail, values in curve.per_tail.items()]
+    table = {"component": place.component, "variables": curve.variables, "edges": curve.edges}
+    pieces = curve.per_tail or {"": curve.values}
     return [
         {
             "name": "empirical",
-            "tails": tails,
-            "parameters": parameters | {"values": values},
+            "tails": tail or place.tails or "all",
+            "parameters": table | {"values": values},
             "period": place.period,
         }
-        for tails, values in pieces
+        for tail, values in pieces.items()
     ]
 
 
@@ -331,9 +305,8 @@ def unknown_not_known(unknown: UnknownEntry, effects: Sequence[ActiveEffect]) ->
 
     Where one is left out, the closure of all of them is too.
     """
-    known = [one.parameters for one in effects if one.name == "empirical"]
-    components = {str(t["component"]) for t in known} & set(IRREVERSIBLE)
-    left = [p for p in unknown.where if p.component not in components]
+    known = {one.parameters["component"] for one in effects if one.name == "empirical"}
+    left = [p for p in unknown.where if p.component not in known & set(IRREVERSIBLE)]
     if len(left) == len(unknown.where):
         return unknown
     return replace(unknown, present=bool(left), where=left, closure=None)

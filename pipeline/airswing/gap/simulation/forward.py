@@ -28,7 +28,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.lattices import HeadingSteps
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects import CATALOGUE, EMPIRICAL, ActiveEffect, Effect, State, effect_named
-from airswing.gap.effects.base import Parameters, Stage, absent_context
+from airswing.gap.effects.base import Parameters, missing_context
 from airswing.gap.noise import NoiseModel
 from airswing.physics.triangle import (
     bearing,
@@ -38,13 +38,6 @@ from airswing.physics.triangle import (
     wrap_positive,
     wrap_signed,
 )
-
-MOST_ITERATIONS = 100
-"""Iterations for the indicated heading, of which about ten are usual."""
-TOLERANCE = 1e-12
-"""Change of the indicated heading at which the iteration ends, rad."""
-AIRSPEED_ITERATIONS = 8
-"""Iterations from indicated to true airspeed: errors of 10 % converge below 1e-5 m/s."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +98,7 @@ class PreparedEffect:
             if active.tails is not None:
                 frame.aircraft_mask(active.tails)  # raises for an unknown aircraft
             for name in effect.needs:
-                reason = absent_context(frame, name)
+                reason = missing_context(frame, name, may_be_constant=True)
                 if reason is not None:
                     raise InputError(
                         f"{active.name} cannot be simulated: {reason}", field=active.name
@@ -188,15 +181,15 @@ def simulate(
     u, v = state.report_u, state.report_v
     if coding is not None:
         u, v = coding.apply(u, v)
-    air_u, air_v = frame.ground_u - u, frame.ground_v - v
-    heading = np.nan_to_num(bearing(air_u, air_v))
+    air = frame.ground_u - u, frame.ground_v - v
+    heading = np.nan_to_num(bearing(*air))
     return replace(
         frame,
         u_rep=u,
         v_rep=v,
         heading=heading,
         magnetic_heading=wrap_positive(heading - frame.declination),
-        airspeed=np.hypot(air_u, air_v),
+        airspeed=np.hypot(*air),
         latitude=state.latitude,
         longitude=state.longitude,
     )
@@ -239,13 +232,13 @@ def remove_effects(frame: Frame, effects: Sequence[ActiveEffect]) -> Frame:
     seeds = np.random.SeedSequence(0).spawn(len(effects))
     prepared = PreparedEffect.all_of(effects, frame, seeds)
     frame = _without_tables(frame, prepared)
-    identified = _apply_stage(_initial_state(frame), frame, prepared, "identity").airframe
-    met = replace(_initial_state(frame), airframe=identified)
-    met = _apply_stage(met, frame, prepared, "atmosphere")
-    frame = replace(frame, aircraft=identified)
+    met = _initial_state(frame)
+    for stage in ("identity", "atmosphere"):
+        met = _apply_stage(met, frame, prepared, stage)
+    frame = replace(frame, aircraft=met.airframe)
     true = frame.airspeed
     state = after = _initial_state(frame)
-    for _ in range(AIRSPEED_ITERATIONS):
+    for _ in range(8):  # errors of the airspeed of 10 % converge below 1e-5 m/s
         after = _apply_stage(replace(state, airspeed=true), frame, prepared, "sensor")
         true = true - (after.airspeed - frame.airspeed)
     error = after.heading_error
@@ -292,7 +285,6 @@ def _without_tables(frame: Frame, prepared: Sequence[PreparedEffect]) -> Frame:
 
 
 def _initial_state(frame: Frame) -> State:
-    """Return the reference wind and the measurement of a frame."""
     return State(
         airframe=frame.aircraft.copy(),
         wind_u=frame.u_ref,
@@ -307,9 +299,8 @@ def _initial_state(frame: Frame) -> State:
 
 
 def _apply_stage(
-    state: State, frame: Frame, prepared: Sequence[PreparedEffect], stage: Stage | str
+    state: State, frame: Frame, prepared: Sequence[PreparedEffect], stage: str
 ) -> State:
-    """Apply all effects of one stage in the given order."""
     for item in prepared:
         if item.effect.stage == stage:
             state = item.apply(state, frame)
@@ -317,25 +308,20 @@ def _apply_stage(
 
 
 def _measured(state: State, frame: Frame, prepared: Sequence[PreparedEffect]) -> State:
-    """Find the indicated heading and airspeed, and the wind computed from them."""
-    air_u, air_v = frame.ground_u - state.wind_u, frame.ground_v - state.wind_v
-    airspeed = np.hypot(air_u, air_v)
+    air = frame.ground_u - state.wind_u, frame.ground_v - state.wind_v
+    airspeed = np.hypot(*air)
     # a zero air vector has no heading; any heading leads to the same wind
-    heading = np.nan_to_num(bearing(air_u, air_v))
+    heading = np.nan_to_num(bearing(*air))
     clean = replace(state, airspeed=airspeed, heading_error=np.zeros(frame.size))
     after, change = clean, 0.0
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(100):  # about ten are usual
         indicated = heading + after.heading_error
-        view = replace(
-            frame,
-            heading=indicated,
-            magnetic_heading=indicated - frame.declination,
-            airspeed=airspeed,
-        )
+        magnetic = indicated - frame.declination
+        view = replace(frame, heading=indicated, magnetic_heading=magnetic, airspeed=airspeed)
         before = after.heading_error
         after = _apply_stage(clean, view, prepared, "sensor")
         change = np.max(np.abs(after.heading_error - before), initial=0.0)
-        if change < TOLERANCE:
+        if change < 1e-12:
             break
     else:
         raise InputError(

@@ -3,9 +3,9 @@
 *Writing.* Positions, times, levels, temperatures and flags are those of the archive; the wind (and
 airspeed and heading, where the archive reports them) is simulated, and blank where it was.
 
-*Reading.* A report of another simulation is of the same aircraft at the same time (within
-`SAME_TIME`) and position (within `SAME_PLACE`). If fewer than `LEAST_SHARE` of the reports, or
-fewer than `LEAST_MATCHED`, have a match, the simulation is of other paths.
+*Reading.* A report of another simulation is of the same aircraft at the same time (within 60 s:
+times truncated to the minute match) and position (within three minutes of arc). If fewer than half
+of the reports, or fewer than 200, have a match, the simulation is of other paths.
 """
 
 from __future__ import annotations
@@ -37,14 +37,6 @@ _FLAGS: dict[str, dict[int, str]] = {
     "phase": {code: name for name, code in PHASE.items() if name != "unknown"},
     "icing": {ICING["off"]: "0", ICING["on"]: "1"},
 }
-SAME_TIME = 60.0
-"""Largest difference of time of a match, s: times truncated to the minute match."""
-SAME_PLACE = 0.05
-"""Largest distance of a match, degrees of a great circle: three arc minutes."""
-LEAST_SHARE = 0.5
-"""Least share of the reports of the archive with a match."""
-LEAST_MATCHED = 200
-"""Least number of reports with a match."""
 
 
 def simulate_reports(
@@ -186,7 +178,7 @@ class Matched:
     def same_paths(self) -> bool:
         """Whether the simulation follows the paths of the archive."""
         number = int(self.found.sum())
-        return number >= LEAST_MATCHED and number >= LEAST_SHARE * self.found.size
+        return number >= 200 and number >= 0.5 * self.found.size
 
 
 def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
@@ -212,8 +204,8 @@ def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
         north = latitude[nearest] - frame.latitude[rows]
         east = wrap_degrees(longitude[nearest] - frame.longitude[rows])
         east = east * np.cos(np.radians(frame.latitude[rows]))
-        same = np.hypot(north, east) <= SAME_PLACE
-        same &= np.abs(seconds[nearest] - frame.time[rows]) <= SAME_TIME
+        same = np.hypot(north, east) <= 0.05
+        same &= np.abs(seconds[nearest] - frame.time[rows]) <= 60.0
         u[rows[same]] = simulated["eastward_wind"].values[nearest[same]]
         v[rows[same]] = simulated["northward_wind"].values[nearest[same]]
     return Matched(u, v, int(seconds.size))
