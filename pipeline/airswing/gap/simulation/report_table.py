@@ -183,31 +183,21 @@ class Matched:
 
 def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
     """Find the simulated report (from `read_reports`) of every report of an archive."""
-    names = [str(name) for name in simulated["aircraft"].values]
-    ends = np.cumsum(simulated["row_size"].values)
     seconds = simulated["time"].values.astype("datetime64[ms]").astype(np.int64) / 1e3
+    tails = np.repeat(simulated["aircraft"].values.astype(str), simulated["row_size"].values)
+    owner = np.array(frame.tails)[frame.aircraft]
+    real = pd.DataFrame({"tail": owner, "time": frame.time}).rename_axis("row").reset_index()
+    made = pd.DataFrame({"tail": tails, "time": seconds}).rename_axis("nearest").reset_index()
+    both = real.sort_values("time"), made.sort_values("time")
+    pairs = pd.merge_asof(*both, on="time", by="tail", direction="nearest", tolerance=60.0).dropna()
+    rows, nearest = (pairs[side].to_numpy(np.int64) for side in ("row", "nearest"))
     latitude, longitude = simulated["latitude"].values, simulated["longitude"].values
+    north = latitude[nearest] - frame.latitude[rows]
+    east = wrap_degrees(longitude[nearest] - frame.longitude[rows])
+    same = np.hypot(north, east * np.cos(np.radians(frame.latitude[rows]))) <= 0.05
     u, v = np.full((2, frame.size), np.nan)
-    for index, tail in enumerate(frame.tails):
-        rows = np.flatnonzero(frame.aircraft == index)
-        if tail not in names or not rows.size:
-            continue
-        place = names.index(tail)
-        start, end = (int(ends[place - 1]) if place else 0), int(ends[place])
-        if end == start:
-            continue
-        # the nearest of the ascending times
-        after = np.clip(np.searchsorted(seconds[start:end], frame.time[rows]), 0, end - start - 1)
-        after, before = start + after, start + np.maximum(after - 1, 0)
-        early, late = (np.abs(seconds[side] - frame.time[rows]) for side in (before, after))
-        nearest = np.where(early <= late, before, after)
-        north = latitude[nearest] - frame.latitude[rows]
-        east = wrap_degrees(longitude[nearest] - frame.longitude[rows])
-        east = east * np.cos(np.radians(frame.latitude[rows]))
-        same = np.hypot(north, east) <= 0.05
-        same &= np.abs(seconds[nearest] - frame.time[rows]) <= 60.0
-        u[rows[same]] = simulated["eastward_wind"].values[nearest[same]]
-        v[rows[same]] = simulated["northward_wind"].values[nearest[same]]
+    u[rows[same]] = simulated["eastward_wind"].values[nearest[same]]
+    v[rows[same]] = simulated["northward_wind"].values[nearest[same]]
     return Matched(u, v, int(seconds.size))
 
 
