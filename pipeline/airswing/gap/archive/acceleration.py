@@ -30,7 +30,8 @@ Integers = NDArray[np.integer]
 
 #: Times after levelling off at which the acceleration is fitted, s; it is zero at the last.
 KNOTS = np.array([0.0, 20.0, 40.0, 65.0, 100.0, 150.0, 210.0])
-#: Reports (climb, descent) and flights (levelling off) below which nothing is fitted.
+#: Reports (climb, descent) and flights (levelling off) below which nothing is fitted: the mean of
+#: fifty is known to a seventh of their scatter.
 FEWEST = 50
 #: Radius of the sphere on which distances along flights are measured, m.
 SPHERE_RADIUS = 6.371e6

@@ -36,24 +36,21 @@ AIRCRAFT_FIELDS = tuple(
 )
 """Fields of a frame with one value per aircraft."""
 # field of the frame -> variable of the headings product
-_NAMES = {
-    **{name: name for name in ("latitude", "longitude", "pressure", "airspeed", "climb_rate")},
-    **{name: name for name in ("heading", "magnetic_heading", "declination", "dip", "bank")},
-    **{name: name for name in ("horizontal_field", "lead_time", "grid_convergence")},
-    "u_rep": "eastward_wind",
-    "v_rep": "northward_wind",
-    "u_ref": "reference_eastward_wind",
-    "v_ref": "reference_northward_wind",
-    "ground_u": "ground_eastward_velocity",
-    "ground_v": "ground_northward_velocity",
+_SAME = (
+    "latitude longitude pressure airspeed climb_rate heading magnetic_heading declination dip bank"
+)
+_NAMES = {name: name for name in f"{_SAME} horizontal_field lead_time grid_convergence".split()} | {
     "heading_error": "heading_standard_error",
     "acceleration": "longitudinal_acceleration",
     "temperature": "air_temperature",
 }
 for _u, _side in (("u", "eastward"), ("v", "northward")):
+    _NAMES[f"{_u}_rep"] = f"{_side}_wind"
+    _NAMES[f"{_u}_ref"] = f"reference_{_side}_wind"
+    _NAMES[f"ground_{_u}"] = f"ground_{_side}_velocity"
+    _NAMES[f"d{_u}dt"] = f"reference_{_side}_wind_tendency"
     for _axis in ("lnp", "x", "y"):
         _NAMES[f"d{_u}d{_axis}"] = f"reference_{_side}_wind_{_axis}_derivative"
-    _NAMES[f"d{_u}dt"] = f"reference_{_side}_wind_tendency"
     for _when in ("before", "after"):
         _NAMES[f"{_u}_{_when}"] = f"reference_{_side}_wind_hour_{_when}"
 # fields that are angles, degrees in the product

@@ -38,7 +38,7 @@ DRAWS = 2
 LOG_VARIANCE = np.pi**2 / 6 * (1 + 1 / DRAWS)
 #: Variation of log variance over weather and routes, and of single aircraft, that is no effect.
 NATURAL = 0.2
-#: Reports an aircraft must have to compare its level.
+#: Reports an aircraft must have: the mean of their y is known to 0.11.
 LEAST_REPORTS = 200
 
 

@@ -18,7 +18,7 @@ from airswing.gap.model.refit import BLOCK
 from airswing.gap.result.schema import ClosesEntry
 from airswing.units import KNOT, NORMAL_95
 
-#: Bootstrap samples of days.
+#: Bootstrap samples of days: ten of them lie beyond either end of an interval of 95 %.
 SAMPLES = 400
 
 
