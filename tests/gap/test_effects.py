@@ -66,7 +66,7 @@ def test_catalogue_holds_the_binding_names():
     for name, parameters in NAMES.items():
         effect = CATALOGUE[name]
         assert set(parameters.split()) <= {p.name for p in effect.parameters}
-        assert effect.physics and effect.source
+        assert effect.physics and effect.source and effect.confused_with
         assert all(p.description for p in effect.parameters)
 
 

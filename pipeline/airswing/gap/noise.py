@@ -332,9 +332,8 @@ def fit_noise(
     if level.size > most:
         drawn = np.random.default_rng(seed).random(numbers.size) < most / level.size
     chosen = np.flatnonzero(drawn[np.searchsorted(numbers, frame.flight)])
-    flight, time, distance, step = (
-        part[chosen] for part in (frame.flight, frame.time, distance, step)
-    )
+    flight, time = frame.flight[chosen], frame.time[chosen]
+    distance, step = distance[chosen], step[chosen]
     signal, white, length, height = _maximise(
         values[chosen], flight_order(flight, time), distance, step, ~gross[chosen], extra[chosen]
     )
@@ -449,7 +448,7 @@ def remove_smooth_effects(
         # columns of a heading error of two cycles, an airspeed factor and a wind
         sine, cosine = np.sin(heading[rows]), np.cos(heading[rows])
         across, along = unit_vectors(heading[rows])
-        design = np.empty((8, rows.size, 2))
+        design: Floats = np.empty((8, rows.size, 2))
         harmonics = [np.ones(rows.size), sine, cosine, 2.0 * sine * cosine, cosine**2 - sine**2]
         design[:5] = np.stack(harmonics)[:, :, None] * across
         design[5] = along
@@ -514,7 +513,7 @@ def _autocovariance(
     product = 0.5 * (residual[after] * residual[before]).sum(axis=1)
     correlation = model.decay(gap, climbed[after] - climbed[before])
     total, reach, covariance, fitted = (
-        np.bincount(where, values, minlength=edges.size + 1)[: edges.size]
+        np.asarray(np.bincount(where, values, edges.size + 1)[: edges.size], np.float64)
         for values in (np.ones(gap.size), gap / 1e3, product, correlation)
     )
     total[0], covariance[0] = residual.shape[0], 0.5 * (residual**2).sum()

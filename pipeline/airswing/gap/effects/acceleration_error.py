@@ -63,13 +63,13 @@ class AccelerationError(HeadingEffect):
         Parameter("by_phase", "", 0.0, "true: 0.03 g in climb, -0.03 g in descent", None),
     )
     needs = ("magnetic_heading", "acceleration", "dip")
+    confused_with = ("hard_iron: where climb and descent are not sampled equally",)
     column_scales = np.full(2, np.radians(20.0))
     alternatives = ((0,), (1,))
     reliability = RELIABILITY["acceleration"]
 
     def basis(self, frame: Frame) -> Floats:
-        # sin(m) tan(dip) a/g by acceleration and by phase
-        # less than 0.02 m s-2 in cruise is noise of the positions
+        # by acceleration and by phase; less than 0.02 m s-2 in cruise is noise of the positions
         steady = (frame.phase == PHASE["cruise"]) & (np.abs(frame.acceleration) < 0.02)
         pull = np.where(steady, 0.0, frame.acceleration) / GRAVITY
         climbs = frame.phase == PHASE["ascent"]

@@ -20,8 +20,7 @@ class AltitudeOffset(ProportionalEffect, WindEffect):
     """Reported pressure altitude too high by an offset, to first order in it.
 
     The aircraft flew lower than reported, at a higher pressure: ``W = W_ref + offset k dW/dlnp``
-    with ``k = g / (R T)`` of the standard atmosphere, by which pressure altitude is defined. On the
-    whole fleet a height error of the model is the same.
+    with ``k = g / (R T)`` of the standard atmosphere, by which pressure altitude is defined.
     """
 
     name = "altitude_offset"
@@ -42,6 +41,10 @@ class AltitudeOffset(ProportionalEffect, WindEffect):
         Parameter("offset_ft", "ft", 300.0, "positive: reported higher than flown", required=True),
     )
     needs = ("dudlnp",)
+    confused_with = (
+        "a height error of the model: an exact alias when the whole fleet shows it",
+        "time_lag: where climb and shear always go together",
+    )
     reliability = 0.9  # correlation with the true shear in simulated archives
 
     def columns(self, frame: Frame) -> Floats:

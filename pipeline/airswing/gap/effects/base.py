@@ -119,6 +119,8 @@ class Effect(ABC):
     stage: ClassVar[Stage] = "sensor"  # stage of the measurement
     # fields of the frame that must be known and vary
     needs: ClassVar[tuple[str, ...]] = ()
+    # similar effects and under which conditions (in words; the Gram matrix decides on an archive)
+    confused_with: ClassVar[tuple[str, ...]] = ()
     # other effect -> data that would separate the two
     distinguished_by: ClassVar[Mapping[str, str]] = {}
     # sets of columns that are one candidate each; empty: all columns together

@@ -35,6 +35,10 @@ class CompassDrift(ProportionalEffect, HeadingEffect):
     )
     kind = "drift"
     needs = ("heading", "time")
+    confused_with = (
+        "compass_step: where the record is short",
+        "compass_offset: where the drift is slow",
+    )
     alternatives = ((0,), (0, 1))
 
     def basis(self, frame: Frame) -> Floats:

@@ -32,6 +32,11 @@ class CompassOffset(ProportionalEffect, HeadingEffect):
         Parameter("offset_deg", "degree", 1.5, "indicated minus true heading", required=True),
     )
     needs = ("heading",)
+    confused_with = (
+        "constant sideslip: an exact alias",
+        "declination_error: where the declination varies little over the region",
+        "compass_drift, compass_step: where the record is short",
+    )
 
     def basis(self, frame: Frame) -> Floats:
         return np.ones((1, frame.size))

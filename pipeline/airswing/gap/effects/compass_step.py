@@ -36,6 +36,11 @@ class CompassStep(OffsetAndCycle):
     source = "EASA AMC 25.1327 and FAA AC 43.13-1B (when a compass must be swung again)."
     kind = "step"
     needs = ("magnetic_heading", "time")
+    confused_with = (
+        "compass_drift: where the record is short or the step small",
+        "compass_offset, hard_iron: where the date lies near an end of the record",
+        "tail_swap: where the other aircraft changes by the opposite at the same date",
+    )
 
 
 EFFECT = CompassStep()

@@ -75,6 +75,7 @@ class DeclinationError(HeadingEffect):
     )
     scope = "fleet"
     needs = ("heading", "declination")
+    confused_with = ("compass_offset: of the whole fleet, where the region is small",)
     column_scales = np.array([10.0, 0.3, 10.0])  # years, 1, years
     alternatives = ((0,), (1,), (0, 2))
 

@@ -114,6 +114,7 @@ class Empirical(MomentEffect):
         Parameter("edges", "", 0.0, "cells of each variable", None, required=True),
         Parameter("values", "", 0.0, "one per cell", None, required=True),
     )
+    confused_with = ("any effect that depends on the same variables",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         table = Table.from_parameters(values)

@@ -16,7 +16,6 @@ class HardIron(CycleEffect):
     """Permanent field of the airframe: error amplitude sin(m + phase) times H_ref / H.
 
     The amplitude refers to ``at_horizontal_field_nT``, by default the median H of the archive.
-    Vertical soft iron (proportional to tan dip) is the same within one region.
     """
 
     name = "hard_iron"
@@ -43,6 +42,11 @@ class HardIron(CycleEffect):
         Parameter("at_horizontal_field_nT", "nT", 0.0, "its H; null: the median", None),
     )
     needs = ("magnetic_heading",)
+    confused_with = (
+        "reference wind bias: identical across the heading",
+        "vertical soft iron: one cycle proportional to tan(dip), equal within one region",
+        "soft_iron: where headings lie in two lobes",
+    )
 
     column_scales = np.radians([2.5, 2.5])
 

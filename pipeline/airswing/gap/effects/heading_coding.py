@@ -34,6 +34,7 @@ class HeadingCoding(MomentEffect):
         Parameter("step_deg", "degree", 5.0, "step of the heading", required=True),
         Parameter("true_north", "", 0.0, "true: from true north; null: from magnetic north", None),
     )
+    confused_with = ("scatter across the heading: where the step is finer than the noise",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         # the implied air vector is rotated to the nearest step

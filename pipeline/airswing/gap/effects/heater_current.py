@@ -87,6 +87,10 @@ class HeaterCurrent(OffsetAndCycle):
     # temperatures in whole degrees blur the edges of a band by half a degree: 0.9 for a band of ten
     # degrees in simulated archives
     reliability = 0.93
+    confused_with = (
+        "hard_iron, compass_offset: where icing protection is on most of the time",
+        "errors of airspeed in icing: along the heading, separable where headings vary",
+    )
 
     def tied(self, subset: tuple[int, ...]) -> Floats:
         # the two edges of a band have opposite coefficients

@@ -27,6 +27,7 @@ class Outliers(MomentEffect):
         Parameter("fraction", "1", 0.02, "share of the reports, 0 to 1", required=True),
         Parameter("size_m_s", "m/s", 20.0, "standard deviation of either component", 20.0),
     )
+    confused_with = ("heavy tails of the model error",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         hit = rng.random(frame.size) < number(values["fraction"])

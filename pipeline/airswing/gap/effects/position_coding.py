@@ -29,6 +29,7 @@ class PositionCoding(MomentEffect):
     )
     source = "WMO No. 958, AMDAR Reference Manual, appendix on coding."
     parameters = (Parameter("step", "arcmin", 1.0, "step of either coordinate", required=True),)
+    confused_with = ("noise of the ground velocity from irregular report times",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         step = number(values["step"]) / 60.0

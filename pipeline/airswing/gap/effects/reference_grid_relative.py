@@ -48,6 +48,10 @@ class ReferenceGridRelative(ProportionalEffect):
     scope = "reference"
     stage = "atmosphere"
     needs = ("grid_convergence",)
+    confused_with = (
+        "hard_iron: where the wind is steady: turned, it is off by one cycle in the heading",
+        "declination_error: both turn with longitude, one the wind, the other the heading",
+    )
 
     def columns(self, frame: Frame) -> Floats:
         # the wind's right-hand normal times the convergence angle

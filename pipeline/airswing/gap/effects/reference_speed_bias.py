@@ -73,6 +73,10 @@ class ReferenceSpeedBias(Effect):
     )
     scope = "reference"
     stage = "atmosphere"
+    confused_with = (
+        "regression dilution: model error makes reports seem 1 to 8 percent weaker",
+        "tas_scale: where aircraft always fly along the wind",
+    )
     # at all levels, above each, below each
     column_scales = np.full(1 + 2 * len(LEVELS), 0.05)
     alternatives = tuple((k,) for k in range(1 + 2 * len(LEVELS)))

@@ -41,6 +41,10 @@ class ReferenceTimeOffset(ProportionalEffect, WindEffect):
     # share of the first order, which is searched, in the energy of an offset of an hour: 0.67 to
     # 0.81 in simulated archives
     reliability = 0.7
+    confused_with = (
+        "time_lag: where the wind's change along the path is its change in time",
+        "a model whose waves move too fast or too slowly",
+    )
 
     def columns(self, frame: Frame) -> Floats:
         tendency = np.stack([frame.dudt, frame.dvdt], axis=-1)

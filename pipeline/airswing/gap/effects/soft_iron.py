@@ -28,6 +28,10 @@ class SoftIron(CycleEffect):
         Parameter("phase_deg", "degree", 180.0, "of amplitude sin(2 magnetic heading + phase)"),
     )
     needs = ("magnetic_heading",)
+    confused_with = (
+        "hard_iron: where headings lie in two lobes",
+        "compass_offset: where headings lie in two opposite lobes",
+    )
     number_of_cycles = 2
     column_scales = np.radians([1.5, 1.5])
 

@@ -31,6 +31,7 @@ class TailSwap(MomentEffect):
     kind = "swap"
     stage = "identity"
     needs = ("time",)
+    confused_with = ("compass_step: of both aircraft at one date, by opposite amounts",)
 
     def testable(self, frame: Frame) -> str | None:
         if np.unique(frame.aircraft).size < 2:

@@ -22,6 +22,7 @@ class TasOffset(AirspeedEffect):
     parameters = (
         Parameter("offset_m_s", "m/s", 2.0, "positive: airspeed too high", required=True),
     )
+    confused_with = ("tas_scale: where the airspeed varies little",)
 
     def indicated(self, airspeed: Floats, values: Parameters) -> Floats:
         return airspeed + number(values["offset_m_s"])

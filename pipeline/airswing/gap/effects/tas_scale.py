@@ -41,6 +41,7 @@ class TasScale(AirspeedEffect):
     parameters = (
         Parameter("scale_percent", "percent", 2.0, "positive: airspeed too high", required=True),
     )
+    confused_with = ("tas_offset: where the airspeed varies little",)
 
     def columns(self, frame: Frame) -> Floats:
         return np.asarray(frame.airspeed[:, None] * super().columns(frame))

@@ -43,6 +43,10 @@ class TimeLag(ProportionalEffect, WindEffect):
         Parameter("offset_s", "s", 60.0, "positive: older than position and time", required=True),
     )
     needs = ("dudt", "dudx")
+    confused_with = (
+        "altitude_offset: in climb alone or in descent alone",
+        "reference_time_offset: where the wind's change along the path is its change in time",
+    )
     reliability = 0.93  # correlation with the true change along the path in simulated archives
 
     def columns(self, frame: Frame) -> Floats:

@@ -43,6 +43,7 @@ class TurnError(ProportionalEffect, HeadingEffect):
         ),
     )
     needs = ("magnetic_heading", "bank", "dip")
+    confused_with = ("noise of the ground velocity: bank is inferred from the turning track",)
     reliability = RELIABILITY["bank"]
 
     def basis(self, frame: Frame) -> Floats:

@@ -36,6 +36,7 @@ class WindCoding(MomentEffect):
         Parameter("step", "kt", 5.0, "step of the speed", required=True),
         Parameter("direction_step_deg", "degree", 10.0, "step of the direction; 0: not rounded"),
     )
+    confused_with = ("noise: where the step is finer than the noise",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         speed, direction = wind_from_direction(state.report_u, state.report_v)

@@ -271,7 +271,7 @@ def _of_place(place: PlaceEntry) -> list[dict[str, object]]:
     if curve.edges is None:
         return []
     table = {"component": place.component, "variables": curve.variables, "edges": curve.edges}
-    pieces = curve.per_tail or {"": curve.values}
+    pieces: Mapping[str, Sequence[float] | None] = curve.per_tail or {"": curve.values}
     return [
         {
             "name": "empirical",

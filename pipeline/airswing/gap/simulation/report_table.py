@@ -189,7 +189,7 @@ def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
     real = pd.DataFrame({"tail": owner, "time": frame.time}).rename_axis("row").reset_index()
     made = pd.DataFrame({"tail": tails, "time": seconds}).rename_axis("nearest").reset_index()
     both = real.sort_values("time"), made.sort_values("time")
-    pairs = pd.merge_asof(*both, on="time", by="tail", direction="nearest", tolerance=60.0).dropna()
+    pairs = pd.merge_asof(*both, on="time", by="tail", direction="nearest", tolerance=60).dropna()
     rows, nearest = (pairs[side].to_numpy(np.int64) for side in ("row", "nearest"))
     latitude, longitude = simulated["latitude"].values, simulated["longitude"].values
     north = latitude[nearest] - frame.latitude[rows]
