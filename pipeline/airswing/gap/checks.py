@@ -6,24 +6,20 @@ significance: with 100,000 reports every model is significantly wrong. Gross err
 standard errors and intervals count days, not reports.
 
 * Calibration: given the earlier reports of its flight, a residual of days to which the effects were
-  not fitted is normal with the mean and standard deviation of the one-step prediction of
-  :mod:`airswing.gap.noise`. PIT histogram, CRPS and the correlation of neighbours test
-  this.
-* A classifier is trained to separate held-out flights from simulated flights (unit noise after
+  not fitted is normal with mean and standard deviation of the prediction of `airswing.gap.noise`.
+* A classifier is trained to separate held-out flights from simulated ones (unit noise after
   whitening). It detects dependence on heading, level or the rest of the flight.
-* Placebo: a compass deviation of one cycle in the magnetic heading of *another* flight, report by
-  report. Its columns have the size, spread and correlation along the flight of a real deviation.
-  It is fitted to each aircraft on some days and removed on the others.
+* Placebo: a deviation of one cycle in the magnetic heading of *another* flight, with the size,
+  spread and correlation of a real one, fitted on some days and removed on the others.
 * Aliases: pairs of effects whose whitened columns share energy on these flights.
 
 Source: Gneiting, Balabdaoui and Raftery (2007), J. R. Stat. Soc. B 69, 243-268 (PIT, CRPS of the
 normal distribution); Lopez-Paz and Oquab (2017) (two-sample classifier); Hanley and McNeil (1982)
 (area under the curve as the Mann-Whitney statistic).
 
-*Claims again.* The diagnosed effects other than a deviation are removed, those of the reference
-from the reference winds and all others from the reported winds; deviations and field test are
-fitted with the same reports and options before and after. Effects on scatter or rounding, and
-exchanged identifiers, are not removed.
+*Claims again.* Deviations and field test are fitted with the same reports and options before and
+after the other effects are removed, those of the reference from the reference winds and others from
+the reported ones; scatter, rounding and exchanged identifiers remain.
 """
 
 from __future__ import annotations
@@ -461,10 +457,10 @@ def review_claims(
     claims = ClaimsEntry(names, fits, stay=sum(judged), of=len(judged))
     if field_test is None:
         return claims
-    from airswing.evaluation import field_test as evaluation
+    from airswing.evaluation.field_test import field_test as tested
 
     first, second = (
-        evaluation.field_test(part, pools={reference: members}, reference=reference, **field_test)
+        tested(part, pools={reference: members}, reference=reference, **field_test)
         for part in (headings, adjusted)
     )
     low, high = (float(end) for end in first["adjusted_reduction_ci_kt"])

@@ -189,11 +189,9 @@ class Frame:
         wanted = [tails] if isinstance(tails, str) else list(tails)
         for tail in wanted:
             if tail not in self.tails:
+                known = ", ".join(self.tails[:8]) + " ..." * (len(self.tails) > 8)
                 raise InputError(
-                    "unknown aircraft",
-                    found=tail,
-                    remedy=f"the archive holds {', '.join(self.tails[:8])}"
-                    + (" ..." if len(self.tails) > 8 else ""),
+                    "unknown aircraft", found=tail, remedy=f"the archive holds {known}"
                 )
         return np.isin(self.aircraft, [self.tails.index(tail) for tail in wanted])
 

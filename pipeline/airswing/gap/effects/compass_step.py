@@ -24,11 +24,10 @@ class CompassStep(OffsetAndCycle):
         places=("date", "time"),
         read_from=(("across", "date"),),
     )
-    distinguished_by = {
-        "compass_drift": "a longer record before and after the change",
-        "compass_offset": "a longer record before and after the change",
-        "hard_iron": "a longer record before and after the change",
-    }
+    distinguished_by = dict.fromkeys(
+        ("compass_drift", "compass_offset", "hard_iron"),
+        "a longer record before and after the change",
+    )
     physics = (
         "Maintenance, a lightning strike, a replaced flux valve or magnetised cargo changes the "
         "deviation from one day to the next: an offset, one cycle in magnetic heading, or both."

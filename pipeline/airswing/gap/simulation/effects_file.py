@@ -75,29 +75,24 @@ def effects_of_fits(
     out: list[ActiveEffect] = []
     for k, tail in enumerate(str(name) for name in fits["aircraft"].values):
         fit = fits.isel(aircraft=k)
-        if published(fit["status"]) and bool(np.isfinite(fit["deviation"]).all()):
-            out += _effects_of_fit(fit, tail)
+        if not published(fit["status"]) or not np.isfinite(fit["deviation"]).all():
+            continue
+        # the curve A + B sin + C cos + D sin 2 + E cos 2, degrees
+        a, b, c, d, e = (float(value) for value in fit["deviation"].values)
+        found: dict[str, dict[str, object]] = {"compass_offset": {"offset_deg": a}}
+        for name, sine, cosine in (("hard_iron", b, c), ("soft_iron", d, e)):
+            if sine != 0.0 or cosine != 0.0:
+                phase = float(np.degrees(np.arctan2(cosine, sine)))
+                found[name] = {"amplitude_deg": float(np.hypot(sine, cosine)), "phase_deg": phase}
+        if "hard_iron" in found:
+            found["hard_iron"]["at_horizontal_field_nT"] = float(fit["mean_horizontal_field"])
+        scale = float(fit["airspeed_scale"])
+        if np.isfinite(scale):
+            found["tas_scale"] = {"scale_percent": 100.0 * scale}
+        out += [ActiveEffect(name, values, (tail,)) for name, values in found.items()]
     if not out:
         raise InputError("no accepted fit to start from", file=file, field="status")
     return out
-
-
-def _effects_of_fit(fit: xr.Dataset, tail: str) -> list[ActiveEffect]:
-    """Convert the curve A + B sin + C cos + D sin 2 + E cos 2 of one aircraft, degrees."""
-    a, b, c, d, e = (float(value) for value in fit["deviation"].values)
-    values: dict[str, dict[str, object]] = {"compass_offset": {"offset_deg": a}}
-    for name, sine, cosine in (("hard_iron", b, c), ("soft_iron", d, e)):
-        if sine != 0.0 or cosine != 0.0:
-            values[name] = {
-                "amplitude_deg": float(np.hypot(sine, cosine)),
-                "phase_deg": float(np.degrees(np.arctan2(cosine, sine))),
-            }
-    if "hard_iron" in values:
-        values["hard_iron"]["at_horizontal_field_nT"] = float(fit["mean_horizontal_field"])
-    scale = float(fit["airspeed_scale"])
-    if np.isfinite(scale):
-        values["tas_scale"] = {"scale_percent": 100.0 * scale}
-    return [ActiveEffect(name, parameters, (tail,)) for name, parameters in values.items()]
 
 
 # ------------------------------------------------------------------------------------- writing
