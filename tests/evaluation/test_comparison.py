@@ -120,6 +120,8 @@ def test_an_aircraft_of_one_day_decides_nothing():
         assert abs(apart) < 0.5 * two["fleet"]["standard_error"][name]
 
 
+# cost of an interval of three or six hours between model times
+
 LAT, LON = np.arange(30.0, 50.1, 5.0), np.arange(-110.0, -79.9, 5.0)
 
 

@@ -207,12 +207,6 @@ def test_a_step_of_all_aircraft_is_that_of_the_reference(number):
         assert not any(entry["changes"] for entry in watch.changes)
 
 
-def test_higher_harmonics_are_no_change_where_routes_turn():
-    """Routes turn on the 60th day."""
-    world = replace(WORLD, wrong_curve=0.9)
-    assert watched(world, aircraft=20, days=64, seed=10).tested.alarms == []
-
-
 def test_a_fleet_without_a_change_has_no_alarm():
     """15 aircraft-years of heavy tails and lasting errors of the reference."""
     world = replace(WORLD, persistence=0.7, days_off=0.3)

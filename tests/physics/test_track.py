@@ -199,6 +199,8 @@ def test_no_window_reaches_over_a_turn():
     assert found.after[3] > 1, "but it does widen on the straight"
 
 
+# headings and bank near turns
+
 SPEED = 100.0
 
 

@@ -93,6 +93,8 @@ def test_phase_of_a_whole_flight(altitude, phase):
     assert (found == PHASE[phase]).all()
 
 
+# resolutions
+
 RNG = np.random.default_rng(20090105)
 
 
