@@ -4,8 +4,6 @@ The wind is a function of time, position and ln p, so whatever the frame says ab
 can be checked by evaluating the function somewhere else.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 
@@ -110,6 +108,6 @@ def headings_dataset(flights=12, reports=25, seed=1, icing=True):
     )
 
 
-def frame(**options) -> Frame:
+def frame(**options):
     """Frame of `headings_dataset` against its first reference: a perfect archive."""
     return Frame.from_headings(headings_dataset(**options), reference="ruc")

@@ -1,7 +1,5 @@
 """The diagnosis of toy archives: what is there is named, located and closed, and nothing else."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Effects of the catalogue and tables over variables against hand-worked values."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import datetime
 
@@ -12,7 +10,6 @@ from tests.gap import frames
 from tests.gap.toy import make_frame
 
 from airswing.errors import InputError
-from airswing.gap.archive.frame import Frame
 from airswing.gap.effects import CATALOGUE, ActiveEffect, effect_named, register
 from airswing.gap.effects.declination_error import declination_change
 from airswing.gap.effects.empirical import Table, change_of
@@ -49,7 +46,7 @@ LINEAR = [name for name, effect in CATALOGUE.items() if effect.column_scales.siz
 
 
 @pytest.fixture(scope="module")
-def perfect() -> Frame:
+def perfect():
     return simulate(frames.frame())
 
 

@@ -1,7 +1,5 @@
 """gap.json and files of effects are read as written; their faults are named."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -144,13 +142,6 @@ def test_file_with_units_and_dates(tmp_path):
     assert step.parameters["offset_deg"] == pytest.approx(2.0, abs=1e-4)
     assert step.period == (AUGUST, AUGUST + 1.5 * 86400.0)
     assert plain_period(step.period) == ["2009-08-01T00:00:00Z", "2009-08-02T12:00:00Z"]
-
-
-def test_empty_file(tmp_path):
-    path = tmp_path / "none.yaml"
-    path.write_text("# nothing yet\n")
-    assert read_effects(path) == []
-    assert read_effects(write_effects([], path)) == []
 
 
 IRON = {"name": "hard_iron"}

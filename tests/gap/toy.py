@@ -1,10 +1,5 @@
 """Small archives of the package's own generator as frames; it shares no code with the effects."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 
 from airswing.gap.archive.frame import AIRCRAFT_FIELDS, Frame
@@ -24,21 +19,14 @@ SMALL |= {"levels": (1000, 850, 700, 550, 400, 350)}
 SMALL |= {"climb_seconds": 180.0, "cruise_seconds": 180.0}
 
 
-def effect(name: str, aircraft: Sequence[int] | None = None, day: int | None = None, **values: Any):
+def effect(name, aircraft=None, day=None, **values):
     """Fault of some aircraft by their numbers, or of all, from a day on."""
     tails = None if aircraft is None else [f"N{401 + number}" for number in aircraft]
     period = None if day is None else [str(START + day), None]
     return {"name": name, "tails": tails, "parameters": values, "period": period}
 
 
-def make_frame(
-    *,
-    seed: int = 0,
-    aircraft: int = 8,
-    days: int = 20,
-    effects: Sequence[Mapping[str, Any]] = (),
-    noise: float = 1.0,
-) -> Frame:
+def make_frame(*, seed=0, aircraft=8, days=20, effects=(), noise=1.0):
     """Build an archive with `effects` and with noise of the reported winds, m/s."""
     scenario = Scenario(
         aircraft=aircraft, days=days, seed=seed, effects=effects, coding=EXACT, **SMALL

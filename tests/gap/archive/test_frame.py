@@ -1,7 +1,5 @@
 """Frames of an archive, what is derived for their reports, and steps of coded headings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import dask
@@ -14,7 +12,6 @@ from tests.gap.toy import make_frame
 
 from airswing.errors import InputError
 from airswing.gap.archive.acceleration import (
-    acceleration_at_reports,
     expected_acceleration,
     fit_levelling,
     time_since_levelling,
@@ -134,21 +131,6 @@ def test_take_keeps_the_constants_of_the_archive(archive):
         frame.take(frame.aircraft_mask(["N401", "N999"]))
 
 
-def test_step_distance_by_hand(archive):
-    frame = Frame.from_headings(archive, reference="ruc").take(slice(0, 4))
-    path = replace(
-        frame,
-        latitude=np.array([40.0, 41.0, 41.0, 60.0]),
-        longitude=np.array([179.5, 179.5, -179.5, 10.0]),
-        flight=np.array([1, 1, 1, 2]),
-    )
-    degree = 6371.0088 * np.pi / 180.0
-    expected = [np.nan, degree, degree * np.cos(np.radians(41.0)), np.nan]
-    np.testing.assert_allclose(path.step_distance() / 1e3, expected, rtol=1e-5)
-    np.testing.assert_allclose(path.residual, 0.0)
-    assert path.day[0] == 14426  # 2009-07-01
-
-
 def test_lazy_headings_are_computed_once(archive):
     computed = []
 
@@ -172,7 +154,7 @@ def test_time_of_levelling_off_is_extrapolated_from_the_climb():
     assert np.isnan(since[:3]).all()
 
 
-def _flights(number: int, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
+def _flights(number, rng):
     """Start, end and mean speed of four chords of flights whose acceleration is known."""
     fine = np.arange(0.0, 1200.0, 0.5)
     gain = np.where(fine < 30, 0.3, 0.3 * np.exp(-(fine - 30) / 45))
@@ -193,15 +175,6 @@ def test_acceleration_after_levelling_off_from_longer_chords():
     found = np.interp([10.0, 50.0, 90.0, 200.0], [0, 20, 40, 65, 100, 150, 210], gain)
     truth = 0.3 * np.exp(-np.maximum(np.array([10.0, 50.0, 90.0, 200.0]) - 30, 0) / 45)
     np.testing.assert_allclose(found, truth, atol=0.06)
-
-
-def test_unknown_acceleration_remains_unknown():
-    unknown = np.full(6, np.nan)
-    time = 60.0 * np.arange(6)
-    found = acceleration_at_reports(
-        unknown, np.full(6, 5e4), np.full(6, 2), np.zeros(6, int), time, time / 100, time / 100
-    )
-    assert np.isnan(found).all()
 
 
 def test_acceleration_is_the_fleets_profile_and_not_the_reports_noise():
@@ -232,20 +205,6 @@ def test_cells_are_quantiles_sectors_or_categories():
     np.testing.assert_allclose(sectors, 30.0 * np.arange(13))
     assert cells_of(np.array([29.9, 30.0, 359.0, np.nan]), sectors).tolist() == [0, 1, 11, -1]
     assert Variable("icing", "category", np.zeros(2)).edges(2).tolist() == [-0.5, 0.5, 1.5]
-
-
-def test_cells_where_most_values_are_equal():
-    """Nine of ten banks are near zero: quantiles of all would make two cells."""
-    rng = np.random.default_rng(4)
-    level = rng.normal(0.0, 0.01, 9_000)
-    turning = rng.choice([-1.0, 1.0], 1_000) * rng.gamma(2.0, 8.0, 1_000)
-    bank = Variable("bank", "linear", np.r_[level, np.zeros(9_000), turning])
-    for count in (6, 12):
-        edges = bank.edges(count)
-        assert 0.75 * count <= edges.size - 1 <= 2 * count
-        held = np.bincount(bank.cells(edges), minlength=edges.size - 1)
-        assert np.sort(held)[:-1].max() < 500
-        assert held.min() > 0
 
 
 @given(
@@ -408,20 +367,6 @@ def test_coarse_headings_have_a_larger_uncertainty(plain):
     assert np.allclose(more[~affected], 0.0)
     rounding = np.radians(10.0) / np.sqrt(12.0) * frame.airspeed[affected].mean()
     assert np.sqrt(more[affected].mean()) > 0.9 * rounding
-
-
-def test_rounding_of_held_headings_counts_as_often_as_it_is_repeated(plain):
-    _, first, flight, reports = np.unique(
-        plain.flight, return_index=True, return_inverse=True, return_counts=True
-    )
-    held = np.where(plain.aircraft == 1, plain.heading, plain.heading[first][flight])
-    frame = stepped(replace(plain, heading=held), 10.0, [1])
-    affected = frame.aircraft == 1
-    rounding = np.radians(10.0) ** 2 / 12.0 * frame.airspeed[affected] ** 2
-    times = heading_doubt(frame, frame)[affected] ** 2 / rounding
-    reports = reports[np.unique(flight[~affected])]
-    repeated = np.average(reports, weights=reports)
-    assert times.mean() == pytest.approx(repeated, rel=0.2)
 
 
 def test_directions_of_weak_winds_in_steps():

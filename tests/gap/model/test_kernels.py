@@ -1,7 +1,5 @@
 """Kernels of the gap's model against hand-worked numbers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import comb
 
@@ -10,12 +8,11 @@ import pytest
 
 from airswing.gap.model.candidates import Group
 from airswing.gap.model.closure import day_interval
-from airswing.gap.model.evidence import common_variance, static_evidence
+from airswing.gap.model.evidence import static_evidence
 from airswing.gap.model.localisation import score_test
 from airswing.gap.model.sums import field_variance
 from airswing.gap.model.terms import Statistics, Term, noise_factor, number_prior
-from airswing.gap.result.schema import CurveEntry
-from airswing.gap.result.statement import claims_of, shape_in_words
+from airswing.gap.result.statement import claims_of
 
 
 def statistics(estimate, information):
@@ -70,21 +67,6 @@ def test_the_noise_factor_is_one_for_independent_errors_and_large_for_errors_of_
     assert low < np.mean(factors) < high
 
 
-def test_what_the_day_fields_absorb_is_given_back():
-    """Day fields that absorb three quarters of the fleet's information leave its estimate alone."""
-    whole = statistics(np.full(8, 0.9), 400.0)
-    absorbed = replace(
-        whole,
-        score=whole.score / 4,
-        fleet_information=whole.fleet_information / 4,
-        fleet_inverse=whole.fleet_inverse * 4,
-    )
-    given_back = common_variance(absorbed)[1]
-    np.testing.assert_allclose(given_back, 3.0 / 3200.0)
-    restored = absorbed.score + absorbed.information @ (given_back @ absorbed.score.sum(0))
-    np.testing.assert_allclose(restored, whole.score)
-
-
 @pytest.mark.parametrize(
     ("change", "low", "high"), [(0.0, 0.2, 0.3), (3.0, 0.2, 0.3), (0.5, 0.2, 0.4)]
 )
@@ -134,20 +116,3 @@ def test_a_name_in_two_scopes_is_one_claim_and_a_dated_one_another():
     assert [claim.terms for claim in found] == [(1, 2), (3,), (4,), (0,)]
     assert [claim.named for claim in found] == [True, True, True, False]
     assert found[0].score == 30.0
-
-
-def curve(values, name="temperature"):
-    edges = np.linspace(-60.0, 20.0, len(values) + 1)
-    values = [float(x) for x in values]
-    return CurveEntry(
-        [""] * len(values), values, "degree", [name], ["degC"], [[float(x) for x in edges]], values
-    )
-
-
-def test_shapes_in_words():
-    x = np.linspace(-58.0, 18.0, 20)
-    assert shape_in_words(curve(0.05 * x)) == "linear in temperature: +0.05 degree per degC"
-    assert shape_in_words(curve(0 * x + 0.5)) == "a constant of +0.5 degree"
-    assert "a step of +2 degree at temperature -20" in shape_in_words(curve(2.0 * (x > -20)))
-    assert "a bump of +3 degree near temperature" in shape_in_words(curve(3.0 * (abs(x) < 4)))
-    assert shape_in_words(curve(np.sin(x / 6.0))) is None

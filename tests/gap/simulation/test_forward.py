@@ -1,7 +1,5 @@
 """Simulation of an archive, removal of known effects, reports of another simulation."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -94,15 +92,6 @@ def test_effect_acts_on_its_aircraft_and_period(archive, name, values):
 def test_effects_that_cannot_be_simulated_are_refused(effect, message):
     with pytest.raises(InputError, match=message):
         simulate(frames.frame(icing=False), effects=[effect])
-
-
-def test_a_chunk_is_simulated_as_in_the_whole(archive):
-    effects = [*STRONG, ActiveEffect("compass_drift", {"rate_deg_per_day": 0.1})]
-    some = np.flatnonzero(archive.aircraft == 2)[5:60]
-    whole = simulate(archive, effects=effects)
-    np.testing.assert_allclose(
-        simulate(archive.take(some), effects=effects).u_rep, whole.u_rep[some], atol=1e-8
-    )
 
 
 def test_wind_is_coded_in_steps(archive):
@@ -236,18 +225,6 @@ def test_simulated_effects_are_removed_to_rounding(name):
     if name in ("sensors", "tables"):
         assert np.abs(turned).max() < 1e-7
         assert removed.airspeed == pytest.approx(perfect.airspeed, abs=1e-5)
-
-
-def test_a_table_over_the_reported_wind_is_removed():
-    """Not for winds just below the upper edge, which are rotated beyond it."""
-    perfect = frames.frame()
-    edges = [0.0, 250.0, 270.0, 360.0]
-    turned = [table("wind_angle", "wind_direction", edges, [0.0, 9.0, 0.0])]
-    removed = remove_effects(simulate(perfect, effects=turned), turned)
-    direction = np.degrees(np.arctan2(-perfect.u_rep, -perfect.v_rep)) % 360.0
-    valid = (direction < 260.9) | (direction > 270.1)
-    assert ((direction > 242.0) & valid).sum() > 100
-    assert np.hypot(*removed.residual[valid].T).max() < 2e-6
 
 
 def test_exchanged_identifiers_are_exchanged_back():
