@@ -52,9 +52,9 @@ def alarms(given):
             order = np.lexsort((day, of))
             silent = first_days_and_silences(of[order], day[order], aircraft, days - 1)[1]
             counts += [
-                sum(one.step.number >= 0 for one in compass.alarms),
-                sum(one.step.number < 0 for one in [*compass.alarms, *wind.alarms]),
-                sum(one.step.number >= 0 and one.step.change[0] > 0 for one in wind.alarms),
+                sum(one.number >= 0 for one in compass.alarms),
+                sum(one.number < 0 for one in [*compass.alarms, *wind.alarms]),
+                sum(one.number >= 0 and one.change[0] > 0 for one in wind.alarms),
                 len(silent),
             ]
         total, rate = counts.sum(), 100.0 * counts / years
@@ -103,8 +103,8 @@ def noticed(given):
                     first = {}
                     watch = watched(world, aircraft=number, days=days, seed=fleet, change=change)
                     for one in watch.tested.alarms:
-                        if one.night >= when.get(one.step.number, days):
-                            first.setdefault(one.step.number, one.night)
+                        if one.night >= when.get(one.number, days):
+                            first.setdefault(one.number, one.night)
                     late += [first.get(k, day + 98) - day + 1 for k, day in when.items()]
                 shares = [(np.array(late) <= limit).mean() for limit in NOTICED]
                 line = "".join(f"{100 * share:5.0f}%" for share in shares)

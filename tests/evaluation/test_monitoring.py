@@ -186,8 +186,8 @@ def test_a_compass_that_steps_is_detected_dated_and_sized_and_no_other(size):
     change = np.zeros((12, 60, 5))
     change[3, 40:] = size
     alarms = watched(WORLD, aircraft=12, days=60, seed=6, change=change).tested.alarms
-    assert [alarm.step.number for alarm in alarms] == [3]
-    step = alarms[0].step
+    assert [alarm.number for alarm in alarms] == [3]
+    step = alarms[0]
     assert 41 <= alarms[0].night <= 44
     assert step.earliest <= 40 <= step.latest
     error = np.degrees(step.change[:5]) - size
@@ -200,9 +200,9 @@ def test_a_step_of_all_aircraft_is_that_of_the_reference(number):
     change[:, 45:, 0] = 2.5
     watch = watched(WORLD, aircraft=number, days=70, seed=3, change=change)
     (alarm,) = watch.tested.alarms
-    assert alarm.step.number == -1
-    assert abs(alarm.step.day - 45) <= 1
-    assert np.degrees(alarm.step.change[0]) == pytest.approx(2.5, abs=0.8)
+    assert alarm.number == -1
+    assert abs(alarm.day - 45) <= 1
+    assert np.degrees(alarm.change[0]) == pytest.approx(2.5, abs=0.8)
     if number > 2:  # two aircraft have no common part
         assert not any(entry["changes"] for entry in watch.changes)
 

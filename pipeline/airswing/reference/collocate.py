@@ -93,13 +93,8 @@ class Schedule(NamedTuple):
 def _schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = False) -> Schedule:
     """Assign reports to model times, whose valid times (ns since 1970) increase.
 
-    Parameters
-    ----------
-    max_time_gap : float
-        Longest time between two bracketing valid times, s.
-    both : bool
-        Use the model time after also at a valid time, if it is within the gap (time derivatives
-        need it).
+    Two bracketing valid times are at most `max_time_gap` seconds apart. With `both` the model time
+    after is used also at a valid time, if it is within the gap (time derivatives need it).
     """
     earlier = np.searchsorted(valid, points.time, side="right") - 1
     steps = np.append(np.diff(valid), 1)

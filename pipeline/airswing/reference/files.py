@@ -145,13 +145,7 @@ class Reader:
 
 
 def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list[str]:
-    """Full paths of the files and Zarr stores that the patterns of a reference name, sorted.
-
-    Raises
-    ------
-    InputError
-        If a pattern finds none.
-    """
+    """Full paths of the files and Zarr stores that the patterns of a reference name, sorted."""
     patterns = [files] if isinstance(files, str | os.PathLike) else list(files)
     found: set[str] = set()
     for pattern in (os.path.expanduser(os.fspath(one)) for one in patterns):
@@ -217,13 +211,7 @@ def identify(path: str) -> SourceFile:
 
 
 def identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:
-    """Identities of files; those that cannot hold model winds are skipped and named.
-
-    Raises
-    ------
-    InputError
-        If all are refused.
-    """
+    """Identities of files; those that cannot hold model winds are skipped; an error if all are."""
     sources: list[SourceFile] = []
     refused: list[InputError] = []
     for path in paths:

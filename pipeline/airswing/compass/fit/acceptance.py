@@ -83,29 +83,18 @@ class FitOptions(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Options:
-    """Options of the fit.
+    """Options of the fit."""
 
-    Attributes
-    ----------
-    abscissa : {"magnetic", "true"}
-        Argument of the curve: indicated magnetic heading, or (seed paper) true heading.
-    harmonics : {"auto", 1, 2}
-        Cycles of the curve; "auto" keeps the second where the data show it.
-    joint : bool
-        Fit airspeed errors jointly, with airspeed scale and reference bias; else the heading error
-        alone.
-    shared_error : bool
-        With ``joint``, also fit the error of the reference that the fleet shares, as a field (see
-        `airswing.compass.fleet.field`).
-    min_reports, min_compass_points : int
-        Fewer give status ``too_few_reports``, ``poor_heading_coverage``; fewer than five flights
-        ``too_few_flights``. Where a constant is found instead, the last two are ``offset_only``.
-    """
-
+    # argument of the curve: indicated magnetic heading, or (seed paper) true heading
     abscissa: Literal["magnetic", "true"] = "magnetic"
-    harmonics: Literal["auto", 1, 2] = "auto"
+    harmonics: Literal["auto", 1, 2] = "auto"  # cycles; "auto": the second where the data show it
+    # fit airspeed errors jointly, with airspeed scale and reference bias; else the heading error
     joint: bool = True
+    # with ``joint``, also fit the error of the reference that the fleet shares, as a field (see
+    # `airswing.compass.fleet.field`)
     shared_error: bool = True
+    # fewer give status ``too_few_reports``, ``poor_heading_coverage``; where a constant is found in
+    # place of a curve, ``offset_only``
     min_reports: int = 200
     min_compass_points: int = 6
 

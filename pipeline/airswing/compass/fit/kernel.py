@@ -242,23 +242,12 @@ def fit_aircraft(
 ) -> AircraftFit | None:
     """Fit A to E, the airspeed scale and the reference's bias of one aircraft.
 
-    Parameters
-    ----------
-    members : list of Reports
-        One for each reference of the pool, with the same numbers of flights.
-    flight_day : array of int, shape (flights,)
-        Day (since 1970) on which each flight began.
-    joint : bool
-        Fit the components across and along the heading together; else the heading error only.
-    harmonics : {0, 1, 2}
-        Cycles of the deviation; 0: only A and the airspeed scale, with zero bias.
-    with_blocks : bool
-        Also return the sums that the fit of the fleet needs.
-
-    Returns
-    -------
-    AircraftFit or None
-        None where a member has no report, or no report lies near any curve.
+    ``members`` are its reports against each reference of the pool, with the same numbers of
+    flights; ``flight_day`` (flights,) the days (since 1970) on which the flights began. With
+    ``joint`` the components across and along the heading are fitted together, else the heading
+    error only. ``harmonics`` 0: only A and the airspeed scale, with zero bias. ``with_blocks`` also
+    returns the sums that the fit of the fleet needs. None where a member has no report, or no
+    report lies near any curve.
     """
     if not members or not all(part.flight.size for part in members):
         return None

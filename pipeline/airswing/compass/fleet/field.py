@@ -394,14 +394,9 @@ def as_sparse(index: NDArray[np.integer], value: Array, columns: int) -> sparse.
 class Precision:
     """Inverse covariance of the blocks' means, with the field unknown.
 
-    Attributes
-    ----------
-    weight : array, shape (n,)
-        Inverse variance of each block.
-    tied : array, shape (pieces,)
-        Posterior variance of a piece's error given its blocks.
-    inverse : array, shape (segment, nodes, nodes)
-        Posterior covariance of the nodes.
+    From the inverse variance of each block (n,), ``weight``; the posterior variance of a piece's
+    error given its blocks (pieces,), ``tied``; and the posterior covariance of the nodes (segment,
+    nodes, nodes), ``inverse``.
     """
 
     def __init__(self, stretch: Stretch, variances: Variances) -> None:

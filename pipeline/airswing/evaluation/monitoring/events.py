@@ -37,8 +37,8 @@ from airswing.evaluation.monitoring.changes import (
     step_numbers,
     watch_compasses,
 )
-from airswing.evaluation.monitoring.fleet_watch import COMPASS, WIND, Alarm, watch_fleet
-from airswing.evaluation.monitoring.step_test import LONGEST
+from airswing.evaluation.monitoring.fleet_watch import COMPASS, WIND, watch_fleet
+from airswing.evaluation.monitoring.step_test import LONGEST, Step
 from airswing.flags import is_corrected, published
 from airswing.products.whole_files import write_json
 from airswing.units import KNOT
@@ -178,13 +178,7 @@ def write_events(found: Monitoring, path: Path) -> Path:
 
 
 def read_events(path: Path) -> Monitoring:
-    """Read ``events.json``.
-
-    Raises
-    ------
-    InputError
-        If it is not such a file.
-    """
+    """Read ``events.json``; InputError if it is not such a file."""
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
         if content.pop("version") != VERSION:
@@ -263,7 +257,7 @@ def find_events(
         abscissa: Any = fits.attrs.get("abscissa", "magnetic")
         compass = watch_compasses(headings, members=members, abscissa=abscissa)
     # a run for an earlier day reports what was noticed until then
-    turned = [alarm for alarm in compass.tested.alarms if alarm.night <= last]
+    turned = [step for step in compass.tested.alarms if step.night <= last]
     used = winds[winds["count"] > 0]
     risen = watch_fleet(
         used["aircraft"].to_numpy(),
@@ -273,14 +267,13 @@ def find_events(
         WIND,
         aircraft.size,
     ).alarms
-    found = [_step_event(alarm, aircraft, "compass_changed") for alarm in turned]
-    steps = [(alarm.step.number, alarm.step.day) for alarm in turned]
-    for alarm in risen:
-        one = alarm.step
+    found = [_step_event(step, aircraft, "compass_changed") for step in turned]
+    steps = [(step.number, step.day) for step in turned]
+    for one in risen:
         explained = any(k == one.number and abs(day - one.day) <= LONGEST // 2 for k, day in steps)
         # a decrease needs no action, and a step explains an increase
         if one.change[0] > 0 and not explained:
-            found.append(_step_event(alarm, aircraft, "disagreement_rose"))
+            found.append(_step_event(one, aircraft, "disagreement_rose"))
     days = winds["aircraft"].to_numpy(), winds["day"].to_numpy()
     begin, silences = first_days_and_silences(*days, aircraft.size, last)
     for silence in silences:
@@ -370,8 +363,8 @@ def with_tables(found: Monitoring, now: Mapping[str, UnitTable | None]) -> Monit
     return replace(found, states=[replace(state, table_now=table) for state, table in tables])
 
 
-def _step_event(alarm: Alarm, aircraft: NDArray[np.str_], kind: Kind) -> Event:
-    step, dates = alarm.step, (date_of(alarm.step.day), date_of(alarm.night))
+def _step_event(step: Step, aircraft: NDArray[np.str_], kind: Kind) -> Event:
+    dates = date_of(step.day), date_of(step.night)
     if kind == "compass_changed":
         evidence, law = step_numbers(step), COMPASS.law
     else:
@@ -379,7 +372,7 @@ def _step_event(alarm: Alarm, aircraft: NDArray[np.str_], kind: Kind) -> Event:
         evidence = {"factor": factor, "standard_error": factor * float(step.error[0])}
         evidence["date_ci"] = [date_of(step.earliest), date_of(step.latest)]
     evidence |= {"threshold": law.threshold, "statistic": step.statistic}
-    evidence["aircraft_that_night"] = alarm.aircraft
+    evidence["aircraft_that_night"] = step.reporting
     if step.number < 0:
         return Event("reference_changed", *dates, None, evidence)
     return Event(kind, *dates, str(aircraft[step.number]), evidence)
@@ -465,13 +458,7 @@ def tables_differ(one: UnitTable, other: UnitTable) -> tuple[bool, float]:
 
 
 def tables_of(fits: xr.Dataset) -> dict[str, UnitTable]:
-    """Tables that would be sent, by aircraft, of the published fits of one reference.
-
-    Raises
-    ------
-    InputError
-        If the fits hold no tables.
-    """
+    """Tables that would be sent, by aircraft, of the published fits of one reference."""
     if "table_correction" not in fits:
         raise InputError(
             "the fits hold no tables", field="table_correction", remedy="Call add_tables first"

@@ -80,19 +80,10 @@ WIND = Quantity(
 
 
 @dataclass(frozen=True)
-class Alarm:
-    """A step and the night that detected it."""
-
-    step: Step  # its number is that of an aircraft, or -1: the fleet
-    night: int
-    aircraft: int  # with reports on that day
-
-
-@dataclass(frozen=True)
 class Tested:
     """Result of a fleet's test."""
 
-    alarms: list[Alarm]  # in order of the night
+    alarms: list[Step]  # in order of the night; number -1: the fleet
     common: NDArray[np.float32]  # (row, p): common part removed from every row
     noise: dict[int, Noise]  # by month since 1970
     scale: Floats  # (aircraft,): error variance over that of the fleet, after the last day
@@ -132,7 +123,7 @@ def watch_fleet(
         for night, rows in zip(nights.tolist(), np.split(order, start[1:]), strict=True):
             sums = normal[rows].astype(np.float64), right[rows].astype(np.float64)
             steps, found.common[rows] = _night(single, shared, sigma, night, aircraft[rows], *sums)
-            found.alarms.extend(Alarm(step, night, rows.size) for step in steps)
+            found.alarms.extend(replace(one, night=night, reporting=rows.size) for one in steps)
     return replace(found, scale=single.scale(np.arange(number)))
 
 

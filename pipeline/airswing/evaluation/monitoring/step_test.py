@@ -92,6 +92,8 @@ class Step:
     statistic: float  # log likelihood ratio
     change: Floats  # (p,): estimate of the step
     error: Floats  # (p,): its standard error
+    night: int = 0  # that detected it
+    reporting: int = 0  # aircraft with reports on that day
 
 
 class StepTest:

@@ -42,17 +42,11 @@ class UnreadableMessageError(Exception):
 
 
 class GribReader(Reader):
-    """Values of the fields of model times at grid points.
-
-    Parameters
-    ----------
-    sparse : bool
-        Read simply packed fields at single points instead of decoding them whole.
-    """
+    """Values of the fields of model times at grid points."""
 
     def __init__(self, *, sparse: bool = True) -> None:
         super().__init__()
-        self.sparse = sparse
+        self.sparse = sparse  # read simply packed fields at single points, not whole
 
     def close(self) -> None:
         """Close the files."""
@@ -177,13 +171,7 @@ def _decoded(jobs: list[Job]) -> list[Floats | str]:
 
 
 def read_keys(message: bytes, names: Sequence[str]) -> dict[str, KeyValue]:
-    """Values of keys of a message by ecCodes in a worker process, without those it has not.
-
-    Raises
-    ------
-    UnreadableMessageError
-        If the message cannot be read.
-    """
+    """Values of keys of a message by ecCodes in a worker process, without those it has not."""
     try:
         return guarded(_keys_of, message, list(names))
     except (WorkerEndedError, ValueError) as error:
