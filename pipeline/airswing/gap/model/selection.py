@@ -16,7 +16,7 @@ import numpy as np
 from airswing.gap.archive.reported_variables import KINDS, KNOTS
 from airswing.gap.arrays import Floats
 from airswing.gap.model.candidates import Group, Table
-from airswing.gap.model.evidence import dated_evidence, static_evidence
+from airswing.gap.model.evidence import SMALL, dated_evidence, static_evidence
 from airswing.gap.model.sums import GATE
 from airswing.gap.model.terms import Model, Statistics, Term, describe, set_prior
 
@@ -167,9 +167,11 @@ def contest(
         ]
         scored[scored.index(named)] = max(forms, key=lambda t: t.score)
     scored = [term for term in scored if term.score > gate]
+    scored.sort(key=lambda term: -term.score)
+    while scored and not scored[0].group.named and _is_usual(model, terms, scored[0]):
+        scored.pop(0)
     if not scored:
         return []
-    scored.sort(key=lambda term: -term.score)
     best = scored[0]
     if not best.group.named:
         # no tolerance is due where a table has no more coefficients than the name
@@ -189,6 +191,21 @@ def contest(
     others = [t for t in scored if t.label != best.label]
     rivals = tuple((best.score - t.score, t.group.name, t.scope) for t in others)
     return [replace(best, rivals=rivals, weight=_weight(best, others)), *others]
+
+
+def _is_usual(model: Model, terms: Sequence[Term], table: Term) -> bool:
+    """Whether a name in the size that no aircraft is free of leaves a table nothing to explain."""
+    every = tuple(range(model.sums.A))
+    forms: dict[str, Term] = {}
+    for group in model.sums.candidates.groups:
+        if group.named and not group.dated and "a" in group.scopes:
+            usual = float(np.hypot(SMALL, np.sqrt(model.usual.get(group.part, (0.0,))[0])))
+            forms.setdefault(group.name, Term(group, "a", every, usual))
+    scored = [_exactly(model, terms, name) for name in forms.values()]
+    best = max(scored, key=lambda t: t.score, default=None)
+    if best is None or best.score <= REPRESENTS * table.score:
+        return False
+    return _exactly(model, [*terms, best], table).score <= GATE
 
 
 def _named_together(
