@@ -205,10 +205,10 @@ def test_confusion_and_figure():
         score_case(label("null", effects=[]), gap()),
         score_case(outside(), gap(unknown=[place()]), fleet=FLEET),
     ]
-    truths, stated, counts = confusion(scores)
-    assert truths == ["hard_iron", "outside", "nothing"]
-    assert stated == ["hard_iron", "soft_iron", "nothing", "unknown"]
-    assert counts.tolist() == [[1, 1, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]]
+    counts = confusion(scores)
+    assert list(counts.index) == ["hard_iron", "outside", "nothing"]
+    assert list(counts.columns) == ["hard_iron", "soft_iron", "nothing", "unknown"]
+    assert counts.to_numpy().tolist() == [[1, 1, 0, 0], [0, 0, 0, 1], [0, 0, 1, 0]]
     assert len(check_figure(scores).axes) == 4 and len(check_figure([]).axes) == 4
 
 

@@ -39,31 +39,15 @@ _TIMEOUT = 1800.0
 
 @dataclass(frozen=True)
 class Plan:
-    """Cases of a check and the data they need.
-
-    Parameters
-    ----------
-    cases, seed : int
-        Number of cases; seed of every draw.
-    fast : bool
-        Small archives and effects of 0.8 and 1.6 m/s.
-    nulls : int, optional
-        Number of cases without an effect; a quarter by default.
-    rungs : tuple of int, optional
-        Rungs (see :mod:`airswing.synthetic.sealed.cases`); all by default.
-    names : tuple of str
-        Effects to draw from; all of the catalogue by default.
-    real : Path, optional
-        Folder with records of real sensors and forecasts; rung 5 needs it.
-    """
+    """Cases of a check and the data they need."""
 
     cases: int = 60
-    seed: int = 1
-    fast: bool = False
-    nulls: int | None = None
-    rungs: tuple[int, ...] | None = None
-    names: tuple[str, ...] = ()
-    real: Path | None = None
+    seed: int = 1  # of every draw
+    fast: bool = False  # small archives and effects of 0.8 and 1.6 m/s
+    nulls: int | None = None  # cases without an effect; a quarter by default
+    rungs: tuple[int, ...] | None = None  # see `airswing.synthetic.sealed.cases`; all by default
+    names: tuple[str, ...] = ()  # effects to draw from; all of the catalogue by default
+    real: Path | None = None  # records of real sensors and forecasts; rung 5 needs it
 
     @property
     def size(self) -> Size:
@@ -166,24 +150,9 @@ def gap_check(
 ) -> Check:
     """Run the blind check.
 
-    Parameters
-    ----------
-    output : Path
-        Folder for archives, sealed labels, diagnoses and ``scores.json``.
-    plan : Plan
-        Cases to check.
-    workers : int
-        Archives written and diagnosed at a time.
-    diagnoser : callable
-        The diagnosis under test; the public command by default.
-    so_far : bool
-        Score the cases that an earlier call diagnosed, without diagnosing more.
-    say : callable
-        Receives messages about the progress.
-
-    Returns
-    -------
-    Check
+    ``output`` gets the archives, sealed labels, diagnoses and ``scores.json``; ``workers`` archives
+    are written and diagnosed at a time, by ``diagnoser``. With ``so_far`` only the cases that an
+    earlier call diagnosed are scored.
     """
     if 5 not in plan.played:
         say("no real data: rung 5 is left out")

@@ -50,27 +50,14 @@ def draws() -> dict[str, Draw]:
 def score_case(
     label: Label, gap: Entry | None, *, failure: str | None = None, fleet: Sequence[str] = ()
 ) -> Score:
-    """Score one diagnosis.
+    """Score one diagnosis, the content of ``gap.json``; None if it failed, with the message.
 
-    Parameters
-    ----------
-    label : Label
-        Truth of the case.
-    gap : mapping or None
-        Content of ``gap.json``; None if the diagnosis failed.
-    failure : str, optional
-        Message of a failed diagnosis.
-    fleet : sequence of str
-        All aircraft of the archive.
-
-    Returns
-    -------
-    dict
-        The case (``name, rung, kind, variant, world, size, focus``), ``failure`` and, for a
-        diagnosis that succeeded, its scores. A key that does not apply is absent or None.
+    ``fleet`` are all aircraft of the archive. Returns the case (``name, rung, kind, variant, world,
+    size, focus``), ``failure`` and, for a diagnosis that succeeded, its scores. A key that does not
+    apply is absent or None.
     """
     keys = ("name", "rung", "kind", "variant", "world", "size", "focus")
-    asked: Score = {key: label[key] for key in keys}  # type: ignore[literal-required]
+    asked: Score = {key: label[key] for key in keys}
     asked["failure"] = failure if gap is None else None
     if gap is None:
         return asked

@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from airswing.blind_check.check import Check
 from airswing.blind_check.score import Score
@@ -125,17 +124,9 @@ def _figures(scores: Sequence[Score]) -> list[tuple[str, str, Target, Reached]]:
 
 
 def targets(scores: Sequence[Score]) -> pd.DataFrame:
-    """Return every figure with its target.
+    """Every figure with its target: ``figure, target, reached, number, met``.
 
-    Parameters
-    ----------
-    scores : sequence of mapping
-        Scores of the cases.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``figure, target, reached, number, met``; ``met`` is None without cases.
+    ``met`` is None without cases.
     """
     rows: list[dict[str, Any]] = []
     for what, direction, target, (reached, number) in _figures(scores):
@@ -299,9 +290,9 @@ def _draw_reliability(axes: Axes, scores: Sequence[Score]) -> None:
     axes.set(xlim=(0.3, 1.03), ylim=(-0.03, 1.05))
 
 
-def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], NDArray[np.float64]]:
-    """Truths, statements, and the confusion matrix of first statements; pairs are omitted."""
-    pairs = []
+def confusion(scores: Sequence[Score]) -> pd.DataFrame:
+    """Number of cases by truth (rows) and first statement (columns); pairs are omitted."""
+    truths, stated = [], []
     for score in scores:
         if score["kind"] == "pair":
             continue
@@ -309,30 +300,27 @@ def confusion(scores: Sequence[Score]) -> tuple[list[str], list[str], NDArray[np
         first = score["claimed"][0] if score["claimed"] else "nothing"
         if score["unknown"] and (score.get("unknown_first") or not score["claimed"]):
             first = "unknown"
-        withheld = " (withheld)" if score["kind"] == "removed" else ""
-        pairs.append((truth + withheld, truth if score["first_right"] else first))
+        truths.append(truth + " (withheld)" * (score["kind"] == "removed"))
+        stated.append(truth if score["first_right"] else first)
+    counts = pd.crosstab(np.array(truths), np.array(stated))
     last = ("nothing", "unknown")
-    truths = sorted({truth for truth, _ in pairs}, key=lambda name: (name in last, name))
-    stated = sorted({name for _, name in pairs}, key=lambda name: (name in last, name))
-    counts = np.zeros((len(truths), len(stated)))
-    for truth, name in pairs:
-        counts[truths.index(truth), stated.index(name)] += 1
-    return truths, stated, counts
+    rows, columns = (sorted(names, key=lambda name: (name in last, name)) for names in counts.axes)
+    return counts.loc[rows, columns]
 
 
 def _draw_confusion(axes: Axes, scores: Sequence[Score]) -> None:
-    truths, stated, counts = confusion(scores)
-    if not truths:
+    counts = confusion(scores)
+    if counts.empty:
         axes.set_axis_off()
         return
-    share = counts / counts.sum(axis=1, keepdims=True)
+    share = counts.div(counts.sum(axis=1), axis=0).to_numpy()
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1.2, aspect="auto")
-    for (row, column), count in np.ndenumerate(counts):
+    for (row, column), count in np.ndenumerate(counts.to_numpy()):
         if count:
             colour = "white" if share[row, column] > 0.7 else "black"
             axes.text(
                 column, row, f"{count:.0f}", ha="center", va="center", color=colour, fontsize=8
             )
-    axes.set_xticks(range(len(stated)), stated, rotation=55, ha="right", fontsize=8)
-    axes.set_yticks(range(len(truths)), truths, fontsize=8)
+    axes.set_xticks(range(counts.shape[1]), counts.columns, rotation=55, ha="right", fontsize=8)
+    axes.set_yticks(range(counts.shape[0]), counts.index, fontsize=8)
     axes.set(title="Truth and first statement", xlabel="stated first", ylabel="truth")

@@ -142,24 +142,13 @@ def simulate_arrays(*, effects: Effects = (), **options: Any) -> pd.DataFrame:
     """An archive as one table with the models' winds, without writing a file.
 
     The models' winds equal an exact interpolation of the files: the same packed grids, bilinear,
-    linear in ln p and in time, rotated to true east and north.
-
-    Parameters
-    ----------
-    effects : sequence of mapping
-        See `airswing.synthetic.instrument`.
-    **options
-        Further fields of `Scenario`: ``days, aircraft, seed, world, ...``.
-
-    Returns
-    -------
-    DataFrame
-        Sorted by tail and time. As reported: ``tail, time`` (datetime64), ``latitude, longitude``
-        (degrees), ``altitude`` (m), ``pressure`` (Pa), ``direction`` (degrees), ``speed`` (kt),
-        ``u, v`` (m/s), ``celsius, phase, icing, roll_flag, flight``. As indicated (radians, m/s):
-        ``heading`` (true), ``airspeed``. Exact (radians, SI): ``true_u, true_v, true_heading,
-        true_airspeed, ground_u, ground_v, bank, acceleration, declination, horizontal`` (nT),
-        ``dip, temperature`` (K). For each model NAME: ``u_NAME, v_NAME`` (m/s).
+    linear in ln p and in time, rotated to true east and north. ``options`` are further fields of
+    `Scenario`. The table is sorted by tail and time. As reported: ``tail, time, latitude,
+    longitude`` (degrees), ``altitude`` (m), ``pressure`` (Pa), ``direction`` (degrees), ``speed``
+    (kt), ``u, v`` (m/s), ``celsius, phase, icing, roll_flag, flight``. As indicated (radians, m/s):
+    ``heading`` (true), ``airspeed``. Exact (radians, SI): ``true_u, true_v, true_heading,
+    true_airspeed, ground_u, ground_v, bank, acceleration, declination, horizontal`` (nT), ``dip,
+    temperature`` (K). For each model NAME: ``u_NAME, v_NAME`` (m/s).
     """
     frame, references, _ = simulate(Scenario(effects=effects, **options))
     add_winds(frame, references)

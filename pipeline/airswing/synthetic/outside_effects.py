@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from airswing.synthetic.atmosphere import Array
 from airswing.synthetic.instrument import Mask
-from airswing.synthetic.sealed.labels import Injected, OutsideTruth
+from airswing.synthetic.sealed.labels import Injected
 from airswing.units import KNOT
 
 Value = Mapping[str, Any]
@@ -240,8 +240,13 @@ BINS = 36
 
 def outside_truth(
     frame: pd.DataFrame, innovation: Array, effect: Injected, *, seed: int
-) -> OutsideTruth:
-    """Measure an outside effect on an archive without it and its innovation (n, 2)."""
+) -> dict[str, Any]:
+    """Measure an outside effect on an archive without it and its innovation (n, 2).
+
+    Returns its ``component, shape, variables, scope, reports`` and ``size_m_s``, the
+    ``named_share`` of its energy that named effects explain, ``closes_kt``, and in ``carried`` the
+    share that a curve of each single variable explains.
+    """
     u, v = frame["computed_u"].to_numpy(float), frame["computed_v"].to_numpy(float)
     variables = report_variables(frame, u, v, frame["hours"].to_numpy(float))
     parameters, tails, period = effect["parameters"], effect["tails"], effect["period"]
@@ -280,7 +285,7 @@ def outside_truth(
     }
 
 
-def is_fit(truth: OutsideTruth) -> bool:
+def is_fit(truth: Mapping[str, Any]) -> bool:
     """Whether an outside effect is suitable for a case."""
     return bool(
         truth["reports"] * truth["size_m_s"] ** 2 >= LEAST_ENERGY

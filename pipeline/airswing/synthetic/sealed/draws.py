@@ -154,9 +154,9 @@ def draw_effect(
     parameters = dict(how.ladder[step]) if how.unit is None else how.unit(rng)
     if variant == "form" and how.form is not None:
         parameters |= how.form(rng)
-    effect: Injected = {"name": name, "tails": chosen, "parameters": parameters, "period": None}
-    if how.dated == "always" or last:
-        effect["period"] = [_date(rng, world.days, last=last), None]
+    dated = how.dated == "always" or last
+    period = [_date(rng, world.days, last=last), None] if dated else None
+    effect = {"name": name, "tails": chosen, "parameters": parameters, "period": period}
     return Drawn(name, (effect,), how)
 
 
@@ -175,16 +175,16 @@ def _date(rng: np.random.Generator, days: int, *, last: bool) -> str:
 def _swap(name: str, how: Draw, rng: np.random.Generator, tails: list[str], date: str) -> Drawn:
     pair = sorted(str(tail) for tail in rng.choice(tails, 2, replace=False))
     phase = _phase(rng)
-    found = [
-        Injected(
-            name="hard_iron",
-            tails=[tail],
-            parameters={"amplitude_deg": 0.5, "phase_deg": phase + turn},
-            period=None,
-        )
+    found: list[Injected] = [
+        {
+            "name": "hard_iron",
+            "tails": [tail],
+            "parameters": {"amplitude_deg": 0.5, "phase_deg": phase + turn},
+            "period": None,
+        }
         for tail, turn in zip(pair, (0.0, 180.0), strict=True)
     ]
-    found += [Injected(name=name, tails=pair, parameters={"pair": pair}, period=[date, None])]
+    found += [{"name": name, "tails": pair, "parameters": {"pair": pair}, "period": [date, None]}]
     return Drawn(name, tuple(found), how)
 
 

@@ -10,60 +10,26 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NotRequired, TypedDict
+from typing import Any
 
 from airswing.errors import InputError
 from airswing.products.whole_files import plain, write_text
 
+Injected = Mapping[str, Any]
+"""One effect as the generator takes it.
 
-class Injected(TypedDict):
-    """One effect as the generator takes it; ``tails`` None is the whole fleet."""
+``name``; ``tails``, None for the whole fleet; ``parameters``, for an outside effect also text and
+lists of parts; ``period``, None or two dates of which either may be None.
+"""
+Label = dict[str, Any]
+"""Truth of one case.
 
-    name: str
-    tails: Sequence[str] | None
-    parameters: Mapping[str, Any]  # for an outside effect also text and lists of parts
-    period: Sequence[str | None] | None
-
-
-class TwinClosure(TypedDict):
-    """Mean vector disagreement of an archive and of its twin without the effect, kt."""
-
-    before: float
-    after: float
-
-
-class OutsideTruth(TypedDict):
-    """An outside effect as measured on its archive."""
-
-    component: str
-    shape: str
-    variables: list[str]
-    scope: str
-    reports: int
-    size_m_s: float
-    named_share: float  # share of its energy that named effects explain
-    closes_kt: float
-    carried: dict[str, float]  # share of its energy that a curve of each single variable explains
-
-
-class Label(TypedDict):
-    """Truth of one case."""
-
-    name: str
-    rung: int
-    kind: str
-    variant: str
-    world: str
-    size: float  # the largest of ``sizes``
-    sizes: list[float]
-    focus: list[str]  # effects the case is about
-    names: list[str]  # all active effects
-    effects: list[Injected]
-    without: list[str]  # effects withheld from the diagnosis
-    background: list[str]  # names of errors of the world itself
-    background_components: NotRequired[list[str]]  # and their components
-    closure: TwinClosure
-    outside: OutsideTruth | None
+``name, rung, kind, variant, world``; ``sizes`` and the largest, ``size``; ``focus``, the effects
+the case is about; ``names`` of all active effects; ``effects`` (`Injected`); ``without``, those
+withheld from the diagnosis; ``background`` and ``background_components``, errors of the world
+itself; ``closure``, the mean vector disagreement ``before`` and ``after`` (without the effects),
+kt; ``outside``, None or what `airswing.synthetic.outside_effects.outside_truth` measured.
+"""
 
 
 def seal(labels: Sequence[Mapping[str, object]], folder: Path) -> str:

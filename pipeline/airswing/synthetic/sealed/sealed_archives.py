@@ -50,7 +50,7 @@ from airswing.synthetic.observe import Coding
 from airswing.synthetic.outside_effects import WORTH_KT, is_fit, outside_truth
 from airswing.synthetic.sealed.cases import Case
 from airswing.synthetic.sealed.draws import START, Drawn, World, scaled
-from airswing.synthetic.sealed.labels import Injected, Label, OutsideTruth, TwinClosure
+from airswing.synthetic.sealed.labels import Injected, Label
 from airswing.units import KNOT
 
 Effects = Sequence[Injected]
@@ -92,7 +92,7 @@ def innovation(frame: pd.DataFrame) -> Array:
     return np.stack([np.asarray(part, float) for part in parts], axis=-1)
 
 
-def twin_closure(made: pd.DataFrame, twin: pd.DataFrame) -> TwinClosure:
+def twin_closure(made: pd.DataFrame, twin: pd.DataFrame) -> dict[str, float]:
     """Mean vector disagreement (kt) of an archive and of its twin, on the reports both use."""
     frames = made.set_index("made"), twin.set_index("made").loc[made["made"]]
     both = np.ones(len(made), bool)
@@ -289,7 +289,7 @@ def _moments(
 
 def write_model_case(
     folder: Path, real: Path, effects: Sequence[Mapping[str, object]], world: World
-) -> TwinClosure:
+) -> dict[str, float]:
     """Write a case on a real forecast run and measure its true closure."""
     grib = real / "grib" / _MODEL_FOLDER
     if not grib.is_dir():
@@ -375,7 +375,7 @@ class Archivist:
             "outside": outside,
         }
 
-    def _fit_draw(self, case: Case) -> tuple[Drawn, OutsideTruth]:
+    def _fit_draw(self, case: Case) -> tuple[Drawn, dict[str, Any]]:
         """First suitable draw of an outside effect, and its truth.
 
         For a case with ``worth``, the first suitable one that closes `WORTH_KT`, or that with the
@@ -406,7 +406,7 @@ class Archivist:
         ordinary = replace(world, kind="default", days=max(world.days, _CALIBRATION_DAYS))
         return scaled(drawn, size / max(strength_of(drawn, ordinary), 1e-6))
 
-    def _write_sample(self, folder: Path, world: World, effects: Effects) -> TwinClosure:
+    def _write_sample(self, folder: Path, world: World, effects: Effects) -> dict[str, float]:
         """Write reports and configuration; return the disagreement with and without effects."""
         made = self._simulated(world, effects)
         bare = made if not effects else self._without(world)
