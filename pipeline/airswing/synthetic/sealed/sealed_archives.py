@@ -182,7 +182,21 @@ def sensor_record(table: pd.DataFrame) -> SensorRecord:
     ahead = np.stack([np.sin(heading), np.cos(heading)])
     right = np.stack([np.cos(heading), -np.sin(heading)])
     wind = ground * np.stack([np.sin(track), np.cos(track)]) - airspeed * ahead
-    left = _left_over(seconds, values["AltMSL"][good], heading, airspeed, wind, ahead, right)
+    # The part of the wind that no smooth wind and no deviation explains.
+    knots = np.arange(seconds[0], seconds[-1] + _WIND_KNOT_SECONDS, _WIND_KNOT_SECONDS)
+    hats = np.stack([np.interp(seconds, knots, row) for row in np.eye(knots.size)])
+    altitude = values["AltMSL"][good]
+    smooth = np.concatenate([hats[hats.sum(1) > 0], [(altitude - altitude.mean()) / 1000.0]])
+    cycles = [np.ones_like(heading)]
+    cycles += [wave(k * heading) for k in (1, 2) for wave in (np.sin, np.cos)]
+    blank = np.zeros_like(smooth)
+    columns = [np.stack([smooth, blank], 1), np.stack([blank, smooth], 1)]
+    columns += [(-airspeed * right)[None] * np.stack(cycles)[:, None]]
+    columns += [(airspeed * ahead)[None]]
+    design = np.concatenate(columns).transpose(2, 1, 0).reshape(-1, sum(map(len, columns)))
+    target = wind.T.ravel()
+    solution = np.linalg.lstsq(design, target, rcond=1e-9)[0]
+    left = (target - design @ solution).reshape(-1, 2).T
     turned, longer = -(left * right).sum(0) / airspeed, -(left * ahead).sum(0)
     return SensorRecord(heading, _irregular(heading, turned), _irregular(heading, longer))
 
@@ -202,31 +216,6 @@ def _irregular(heading: Array, error: Array) -> Array:
 def _heading_bin(heading: Array) -> NDArray[np.int64]:
     turn = np.mod(heading, 2 * np.pi) / (2 * np.pi)
     return np.asarray(turn * _HEADING_BINS, np.int64) % _HEADING_BINS
-
-
-def _left_over(
-    seconds: Array,
-    altitude: Array,
-    heading: Array,
-    airspeed: Array,
-    wind: Array,
-    ahead: Array,
-    right: Array,
-) -> Array:
-    """Part (2, n) of the computed wind that no smooth wind or deviation explains."""
-    knots = np.arange(seconds[0], seconds[-1] + _WIND_KNOT_SECONDS, _WIND_KNOT_SECONDS)
-    hats = np.stack([np.interp(seconds, knots, row) for row in np.eye(knots.size)])
-    smooth = np.concatenate([hats[hats.sum(1) > 0], [(altitude - altitude.mean()) / 1000.0]])
-    cycles = [np.ones_like(heading)]
-    cycles += [wave(k * heading) for k in (1, 2) for wave in (np.sin, np.cos)]
-    blank = np.zeros_like(smooth)
-    columns = [np.stack([smooth, blank], 1), np.stack([blank, smooth], 1)]
-    columns += [(-airspeed * right)[None] * np.stack(cycles)[:, None]]
-    columns += [(airspeed * ahead)[None]]
-    design = np.concatenate(columns).transpose(2, 1, 0).reshape(-1, sum(map(len, columns)))
-    target = wind.T.ravel()
-    solution = np.linalg.lstsq(design, target, rcond=1e-9)[0]
-    return np.asarray((target - design @ solution).reshape(-1, 2).T)
 
 
 def real_sensor(folder: Path) -> list[SensorRecord]:
