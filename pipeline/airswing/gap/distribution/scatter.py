@@ -47,11 +47,9 @@ def log_squares(residual: Floats, noise: NoiseFit) -> tuple[Floats, Floats]:
     errors, precision = interpolation_errors(residual, noise.order, noise.gains)
     square = 0.5 * (errors**2).sum(axis=1) * precision
     known = (precision > 0) & (square > 0)
-    out = np.full(residual.shape[0], np.nan)
-    out[known] = np.log(square[known])
-    variance = np.full(residual.shape[0], np.nan)
-    variance[known] = 1 / precision[known]
-    return out, variance
+    unknown = np.full((2, known.size), np.nan)
+    logs = np.log(square, out=unknown[0], where=known)
+    return logs, np.divide(1.0, precision, out=unknown[1], where=known)
 
 
 def excess_log_squares(

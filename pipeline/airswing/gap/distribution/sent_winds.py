@@ -54,7 +54,7 @@ def contrasts(real: Floats, simulated: Floats, periodic: bool) -> tuple[Floats, 
     """Contrast of each cell with a smooth ratio: z by day, and the log ratio; (D, k) counts."""
     total, expected = real.sum(axis=0), simulated.sum(axis=0)
     k = total.size
-    used = expected > 50.0
+    used = expected > 50.0  # fewer say nothing
     x = np.arange(k)
     if periodic:
         waves = [f(2 * np.pi * j * x / k) for j in (1, 2, 3) for f in (np.sin, np.cos)]
