@@ -12,7 +12,8 @@ from airswing.gap.model.evidence import static_evidence
 from airswing.gap.model.localisation import score_test
 from airswing.gap.model.sums import field_variance
 from airswing.gap.model.terms import Statistics, Term, noise_factor, number_prior
-from airswing.gap.result.statement import claims_of
+from airswing.gap.result.schema import CurveEntry
+from airswing.gap.result.statement import claims_of, shape_in_words
 
 
 def statistics(estimate, information):
@@ -116,3 +117,20 @@ def test_a_name_in_two_scopes_is_one_claim_and_a_dated_one_another():
     assert [claim.terms for claim in found] == [(1, 2), (3,), (4,), (0,)]
     assert [claim.named for claim in found] == [True, True, True, False]
     assert found[0].score == 30.0
+
+
+def curve(values, name="temperature"):
+    edges = np.linspace(-60.0, 20.0, len(values) + 1)
+    values = [float(x) for x in values]
+    return CurveEntry(
+        [""] * len(values), values, "degree", [name], ["degC"], [[float(x) for x in edges]], values
+    )
+
+
+def test_shapes_in_words():
+    x = np.linspace(-58.0, 18.0, 20)
+    assert shape_in_words(curve(0.05 * x)) == "linear in temperature: +0.05 degree per degC"
+    assert shape_in_words(curve(0 * x + 0.5)) == "a constant of +0.5 degree"
+    assert "a step of +2 degree at temperature -20" in shape_in_words(curve(2.0 * (x > -20)))
+    assert "a bump of +3 degree near temperature" in shape_in_words(curve(3.0 * (abs(x) < 4)))
+    assert shape_in_words(curve(np.sin(x / 6.0))) is None
