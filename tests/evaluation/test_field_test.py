@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 from scipy.stats import rice
 
+from airswing.errors import InputError
 from airswing.evaluation.field_test import (
     DaySums,
     adjusted_reductions,
@@ -157,6 +158,22 @@ def test_the_worst_of_the_first_half_fall_by_themselves():
     assert found["rule"].startswith("the 2 aircraft")
     none = DaySums(np.ones((4, 6)), total, np.ones(4, bool), during)
     assert "too few" in regression_to_the_mean(none)["why"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"corrected": ["N999"]}, ["N999", "does not hold"]),
+        ({"controls": ["N000"]}, ["N000", "both groups"]),
+        ({"controls": []}, ["no aircraft", "controls"]),
+        ({"start": date(2011, 1, 1), "before_start": date(2010, 1, 1)}, ["no usable report"]),
+    ],
+)
+def test_bad_groups_and_windows_are_named(options, words):
+    fleet = simulate_fleet(0, days=(5, 5), corrected=3, controls=3, flights=1, reports=2)
+    with pytest.raises(InputError) as caught:
+        run(fleet, **options)
+    assert all(word in str(caught.value) for word in words)
 
 
 def test_a_flag_no_report_carries_cannot_be_required_and_is_said():
