@@ -201,7 +201,7 @@ def _check_keys(
 
 
 def _number(parameter: Parameter, value: object, file: object | None) -> object:
-    if not parameter.units:
+    if not parameter.number:
         return value
     if isinstance(value, str):
         unit = "dimensionless" if parameter.units == "1" else parameter.units
