@@ -94,18 +94,18 @@ def errors(names):
 
 def test_the_real_list_is_understood(real):
     path = real(LIST)
-    found = read_reject_list(path)
+    header, entries, criteria, _ = read_reject_list(path)
     lines = path.read_bytes().splitlines(keepends=True)
-    assert found.header == b"".join(lines[:16])
-    assert b"".join(entry.line for entry in found.entries) == b"".join(lines[16:])
-    assert found.criteria["bias_DIR"] == 7.0 and found.criteria["rms_W"] == 7.0
-    assert sum(bool(entry.identifier) for entry in found.entries) == 164
-    by_name = {entry.identifier: entry for entry in found.entries}
+    assert header == b"".join(lines[:16])
+    assert b"".join(entry.line for entry in entries) == b"".join(lines[16:])
+    assert criteria["bias_DIR"] == 7.0 and criteria["rms_W"] == 7.0
+    assert sum(bool(entry.identifier) for entry in entries) == 164
+    by_name = {entry.identifier: entry for entry in entries}
     assert by_name["00000566"].reasons == ("bias_DIR",) and by_name["00000566"].flags == "W"
     assert by_name["00000506"].flags == "TWR"
     assert by_name["N174AA"].second == "YUZICORA" and by_name["N174AA"].flags == "T"
     # Of the five with a bias of direction, four are turboprops.
-    assert sum("bias_DIR" in entry.reasons for entry in found.entries) == 5
+    assert sum("bias_DIR" in entry.reasons for entry in entries) == 5
 
 
 def test_a_turboprop_comes_off_the_real_list(real, tmp_path):

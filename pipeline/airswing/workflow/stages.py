@@ -412,6 +412,7 @@ def make_monitoring(
     from airswing.report.run.changes import write_monitoring_page
 
     path, in_use = job.output / "events.json", job.config.monitoring.tables_in_use
+    tables = None if in_use is None else read_tables(in_use, reference=job.reference)
     with job.progress.stage("monitoring") as stage:
         screened, fitted = job.ready(headings, HEADINGS), job.ready(fits, FITS)
         if corrected is None and product_path(job.output, CORRECTED).exists():
@@ -423,9 +424,7 @@ def make_monitoring(
             previous=read_events(path) if path.exists() else None,
             reference=job.reference,
             members=job.pools[job.reference],
-            tables_in_use=in_use
-            if in_use is None
-            else read_tables(in_use, reference=job.reference),
+            tables_in_use=tables,
             compass=job.shared.get("compass_watch"),
         )
         found = with_tables(found, _tables_since(job, screened, changed_since(found)))
