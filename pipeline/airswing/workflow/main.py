@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -22,7 +22,6 @@ from airswing.evaluation import Evaluation
 from airswing.evaluation.monitoring.changes import change_warnings
 from airswing.flags import STATUS
 from airswing.products.whole_files import workspace
-from airswing.report.html import Units, per_kt
 from airswing.units import NORMAL_95
 from airswing.workflow.job import Job
 from airswing.workflow.months import make_headings
@@ -221,8 +220,10 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
     }
 
 
-def summary_text(summary: Summary, output: Path, *, units: Units = "kt") -> str:
+def summary_text(summary: Summary, output: Path, *, units: Literal["kt", "m/s"] = "kt") -> str:
     """Lay the summary out for a terminal; `output` is the folder of the products."""
+    from airswing.report.html import per_kt
+
     reports, status, factor = summary["reports"], summary["status"], per_kt(units)
     before, after = (factor * summary["disagreement_kt"][when] for when in ("before", "after"))
     lines = [

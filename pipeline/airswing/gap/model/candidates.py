@@ -60,7 +60,7 @@ SAMPLED = 7
 PAIRED = 5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Group:
     """A candidate: columns with a common prior."""
 
@@ -70,7 +70,9 @@ class Group:
     transform: Floats  # (k, m): T of the module
     scopes: str  # ``a``: each aircraft has coefficients of its own, ``f``: all have the same
     prior: float  # log prior weight
-    form: tuple[int, ...] = ()  # which coefficients of the effect; (1,) of a refined table
+    # which coefficients of the effect; of a table (0,), (1,) if refined, (2,) if smooth, and (0, k)
+    # with k coefficients if simple
+    form: tuple[int, ...] = ()
     reliability: float = 1.0  # squared correlation of the columns with the true ones
     part: str = "wind"  # what it is an error of: ``heading``, ``airspeed`` or ``wind``
     dated: bool = False  # whether it acts from a date on
@@ -404,7 +406,7 @@ class Candidates:
         """Add products of a table's fitted curve with functions of another variable."""
         columns = self.raw(table.columns) @ curve.astype(np.float32)
         other = self.curve(name, PAIRED)
-        functions = other.functions(self.variables[name].values)[:, : 2 * PAIRED - 1]
+        functions = other.functions(self.variables[name].values)
         made = np.asarray(columns[:, :, None] * functions[:, None, :], np.float32)
         where, unit = self._block(lambda at: made, made), np.eye(made.shape[2])
         group = Group(f"{table.name} x {name}", "probe", where, unit, "af", 0.0)

@@ -27,10 +27,8 @@ Floats = NDArray[Any]
 #: Scales of the slab, m/s rms where a candidate acts, from half a knot to three times the noise in
 #: steps of three: half a step off costs 0.1 nat a coefficient.
 SCALES = np.array([0.3, 0.9, 2.7])
-#: m, m/s: what no aircraft is free of; the same of single aircraft.
+#: Least m, m/s: the error that no aircraft is free of.
 SMALL = 0.06
-
-
 #: Posterior probability from which an aircraft is stated as affected.
 INCLUDED = 0.75
 #: Shares of affected aircraft that the Beta prior is integrated over.

@@ -55,10 +55,8 @@ def screen(model: Model) -> list[Term]:
     # of tables and names that act always: the factor of a usual candidate
     usual = [float(np.median(s.factor)) for g, s in statistics if not g.dated]
     model.kappa = max(1.0, float(np.median(usual))) if usual else 1.0
-    statistics = [(g, model.with_usual(g, s)) for g, s in statistics]
     out: list[Term] = []
     for group, found in statistics:
-        factor = max(model.kappa, float(np.mean(found.factor)))
         if group.dated:
             ranked, gated = dated_evidence(model, group, model.kappa, GATE - group.prior)
             scores = ranked.evidence + group.prior, gated.evidence + group.prior
@@ -66,7 +64,9 @@ def screen(model: Model) -> list[Term]:
             if gated.tails:
                 out.append(Term(group, "a", gated.tails, *what, shape=gated.shape))
             continue
-        out += _static(group, found, model.kappa, factor, model.sums.span)
+        factor = max(model.kappa, float(np.mean(found.factor)))
+        usual_too = model.with_usual(group, found)
+        out += _static(group, usual_too, model.kappa, factor, model.sums.span)
     return sorted(out, key=lambda term: -term.score)
 
 
@@ -165,7 +165,8 @@ def contest(
             if (term.group.name, term.scope, term.group.dated)
             == (named.group.name, named.scope, named.group.dated)
         ]
-        scored[scored.index(named)] = max(forms, key=lambda t: t.score)
+        fitting = max(forms, key=lambda t: t.score)
+        scored = [fitting if t is named else t for t in scored]
     scored = [term for term in scored if term.score > gate]
     scored.sort(key=lambda term: -term.score)
     while scored and not scored[0].group.named and _is_usual(model, terms, scored[0]):
@@ -213,12 +214,14 @@ def _named_together(
 ) -> Term | None:
     """First of several names that leave a table nothing to explain; None where there are none."""
     chosen: list[Term] = []
-    freedom, total, found = 0, 0.0, None
+    kappa, freedom, total, found = model.kappa, 0, 0.0, None
     for _ in range(TOGETHER):
         given = [*terms, *chosen]
         if chosen:
             model.condition(given)
             named = [t for t in screen(model) if t.group.named and t.gate > GATE][:TABLES]
+            # scores are compared with those of the table
+            model.kappa = kappa
         options = [_exactly(model, given, term) for term in named]
         best = max(options, key=lambda t: t.score, default=None)
         if best is None or best.score <= GATE:
@@ -320,7 +323,7 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
             model.condition(rest)
             ranked = screen(model)
             if term.group.refined:
-                # a table of two variables is a candidate for its own place
+                # it stays a candidate for its place where its screening score misses the gate
                 score = _exactly(model, rest, term).score
                 ranked.append(replace(term, score=score, gate=score / model.kappa))
             found = contest(model, rest, ranked)

@@ -64,9 +64,9 @@ class Sums:
         self.A, self.D, self.n = len(frame.tails), self.days.size, frame.size
         self.order = np.lexsort((self.day, frame.aircraft))
         key = (frame.aircraft * self.D + self.day)[self.order]
-        self.key = np.repeat(key, 2)
+        of_row = np.repeat(key, 2)
         self.cuts = 2 * np.searchsorted(key, np.arange(self.A * self.D + 1))
-        self.day_of_row = self.key % self.D
+        self.day_of_row = of_row % self.D
         self.cells = [
             (i // self.D, i % self.D, slice(int(self.cuts[i]), int(self.cuts[i + 1])))
             for i in range(self.A * self.D)

@@ -35,7 +35,7 @@ EXACT = 0.95
 CLIMATOLOGY = 0.6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Term:
     """A candidate in the model: its aircraft, dates, prior scale and evidence."""
 
@@ -336,9 +336,9 @@ class Model:
         return replace(found, lasting=self.lasting(group), remainder=self._remainder(group))
 
     def with_usual(self, group: Group, found: Statistics) -> Statistics:
-        """Statistics with the sizes that are usual in this archive where those are larger."""
+        """Statistics with m^2 of this archive added to the remainder."""
         aircraft, _ = self.usual.get(group.part, (0.0, 0.0))
-        return replace(found, remainder=found.remainder + aircraft, lasting=self.lasting(group))
+        return replace(found, remainder=found.remainder + aircraft)
 
     def lasting(self, group: Group) -> float:
         """L^2 of a candidate: the usual variance in this archive, at least `LASTING`, m2 s-2."""
