@@ -374,7 +374,19 @@ def _field_1(
         _check_length(stop - at - 11, bits, size)
     found = start, length, 1, kind, level_kind, level, valid, lead, grid
     sparse = packing == 0 and bits <= MAX_BITS
-    return Field(*found, -1, 0, 0, member, packing, sparse, *scale, bitmap, at + 11, stop)
+    return Field(
+        *found,
+        points=-1,
+        file=0,
+        part=0,
+        member=member,
+        packing=packing,
+        sparse=sparse,
+        **scale._asdict(),
+        bitmap=bitmap,
+        data_start=at + 11,
+        data_end=stop,
+    )
 
 
 def _section_length(window: Window, at: int, end: int, least: int) -> int:
@@ -456,7 +468,19 @@ def _field_2(
     member = product[35] if numbered else 0
     bitmap = bitmap + 6 if bitmap >= 0 else -1
     found = *place[:2], 2, kind, level_kind, level, valid, lead, grid
-    return Field(*found, -1, 0, place[2], member, packing, sparse, *scale, bitmap, start, end)
+    return Field(
+        *found,
+        points=-1,
+        file=0,
+        part=place[2],
+        member=member,
+        packing=packing,
+        sparse=sparse,
+        **scale._asdict(),
+        bitmap=bitmap,
+        data_start=start,
+        data_end=end,
+    )
 
 
 # both editions
