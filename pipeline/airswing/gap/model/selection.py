@@ -230,7 +230,7 @@ def _named_together(
         LOG.debug("  several names: %s", describe(best))
         chosen.append(best)
         freedom, total = freedom + best.freedom, total + best.score
-        if freedom >= table.freedom:
+        if freedom > table.freedom:
             break
         left = _exactly(model, [*terms, *chosen], table).score
         if total > REPRESENTS * table.score and left < (1 - REPRESENTS) * table.score:
