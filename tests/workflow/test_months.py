@@ -284,9 +284,12 @@ def test_a_folder_of_months_of_different_references_is_refused(archive, whole, t
         airswing.open_product(tmp_path / "headings")
 
 
-def test_all_products_open_as_one_tree(whole):
-    tree = airswing.open_results(whole)
-    assert set(tree.children) == {"headings", "fits", "corrected"}
+def test_all_products_open_as_one_tree(whole, tmp_path):
+    shutil.copytree(whole, tmp_path / "run")
+    shutil.copy(whole / "fits.nc", tmp_path / "run/gap.nc")
+    (tmp_path / "run/gap").mkdir()  # of the page, no product
+    tree = airswing.open_results(tmp_path / "run")
+    assert set(tree.children) == {"headings", "fits", "corrected", "gap"}
     assert tree["headings"]["heading"].chunks is not None
     for name in ("headings", "corrected"):
         opened, read = airswing.open_product(whole / name), airswing.read_product(whole / name)

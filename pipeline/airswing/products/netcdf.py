@@ -275,7 +275,8 @@ def open_results(folder: str | Path) -> xr.DataTree:
 def product_path(folder: Path, name: str) -> Path:
     """Path of a product (such as ``headings``) of a run: the folder of its months, or the file."""
     months, file = Path(folder) / name, Path(folder) / f"{name}.nc"
-    by_month = months.is_dir() or (name in ("headings", "corrected") and not file.exists())
+    # other folders, such as that of the gap's page, are no products
+    by_month = name in ("headings", "corrected") and (months.is_dir() or not file.exists())
     return months if by_month else file
 
 

@@ -1,5 +1,7 @@
 """Deviations, their errors and status; offsets where no curve can be fitted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -413,3 +415,21 @@ def test_a_compass_that_changed_has_no_offset():
     enough = fits["report_count"].to_numpy()[0] >= 200
     assert enough.sum() >= 6
     assert (found[enough] == STATUS["unstable_fit"]).all()
+
+
+def test_an_offset_on_two_headings_is_the_mean_of_both():
+    """The robust weights must not keep one heading and discard the other as gross errors."""
+    setting = replace(FLEET, days=40, hub_and_spoke=True, noise=0.4, flight_error=0.3, day_error=0.1)
+    deviation = np.zeros((setting.aircraft, 5))
+    deviation[:2] = [[0.5, 6.0, 0.0, 0.0, 0.0], [0.5, 8.0, 0.0, 0.0, 0.0]]
+    headings, _ = fly(deviation, setting, 8)
+    magnetic = headings["magnetic_heading"].to_numpy().reshape(setting.aircraft, -1)
+    near = [np.abs((magnetic - at + 180) % 360 - 180) < 15 for at in (75.0, 255.0)]
+    alone = np.isin(np.arange(setting.aircraft), [0, 1])[:, np.newaxis]
+    keep = near[0] | (near[1] & (np.random.default_rng(3).random(magnetic.shape) < 0.4))
+    headings["screening"] = ("report", np.where(alone & ~keep, 8, 0).astype(np.int32).ravel())
+    fits = fit_deviation(headings).isel(reference=0, aircraft=[0, 1])
+    error = headings["heading_error"][0].to_numpy().reshape(setting.aircraft, -1)
+    means = [error[number][keep[number]].mean() for number in (0, 1)]
+    assert (fits["status"] == STATUS["offset_only"]).all()
+    np.testing.assert_allclose(fits["offset"], means, atol=1.0)
