@@ -142,15 +142,24 @@ def test_reports_that_cannot_be_used(archive, tmp_path, capsys, name):
     assert after == before
 
 
+GROUPS = {"start": "2009-02-28", "before_start": "2009-02-27"}
+GROUPS |= {"corrected": ["S1"], "controls": ["S2", "S3"]}
 CONFIGURATIONS = {
     "wrong unit": (
         {"reports": {"files": "r.csv", "columns": {"ff": {"name": "wind_speed_kt", "unit": "kg"}}}},
-        ("reports.columns.ff", "kg", "m/s"),
+        ("config.yaml", "reports.columns.ff", "kg", "m/s"),
     ),
-    "empty glob": ({"reports": {"files": "none/*.csv"}}, ("reports.files", "none/*.csv")),
+    "empty glob": (
+        {"reports": {"files": "none/*.csv"}},
+        ("config.yaml", "reports.files", "none/*.csv"),
+    ),
     "empty model glob": (
         {"references": {"model": {"files": "none/*"}}},
-        ("references.model.files", "none/*"),
+        ("config.yaml", "references.model.files", "none/*"),
+    ),
+    "an aircraft without reports": (
+        {"field_test": GROUPS | {"controls": ["N999"]}, "references": {"model": {"files": "none"}}},
+        ("config.yaml", "field_test", "N999", "S1, S2, S3"),
     ),
     "a folder": ({"references": {"model": {"files": "."}}}, ("is a folder", "Name the files")),
     "output in a file": ({"output": "config.yaml/out"}, ("config.yaml/out", "output")),
@@ -163,6 +172,7 @@ def test_configurations_that_cannot_be_used(archive, tmp_path, capsys, monkeypat
     changes, says = CONFIGURATIONS[name]
     shutil.copy(archive / "r.csv", tmp_path / "r.csv")
     refused(capsys, "run", configure(archive, tmp_path, **changes), says=says)
+    assert not [*tmp_path.rglob("*.nc")]
 
 
 def spoiled(archive, folder, spoil):
@@ -192,14 +202,10 @@ def test_a_bad_model_file_among_good_ones_is_counted_and_named(archive, tmp_path
     assert Path(audit["skipped"][0]["file"]).name in ("p012.grb", "readme.txt")
 
 
-GROUPS = {"start": "2009-02-28", "before_start": "2009-02-27"}
-GROUPS |= {"corrected": ["S1"], "controls": ["S2", "S3"]}
-
-
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"corrected": ["N999"]}, ("N999", "S1, S2, S3")),
+        ({"corrected": ["N999"]}, ("config.yaml", "N999", "S1, S2, S3")),
         ({"start": "2010-06-01"}, ("field_test", "during")),
         ({"start": "2008-06-01", "before_start": "2008-01-01"}, ("field_test", "before")),
     ],

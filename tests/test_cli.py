@@ -38,7 +38,11 @@ def airswing(*words, folder):
 def test_wrong_usage_is_status_2(tmp_path):
     done = process("run", "--colour", "red", folder=tmp_path)
     assert done.returncode == 2 and "--colour" in done.stderr
-    assert airswing("evaluate", "absent.yaml", folder=tmp_path).returncode == 2
+    done = airswing("evaluate", "absent.yaml", folder=tmp_path)
+    assert done.returncode == 2
+    assert "absent.yaml: no such configuration. Check the path" in done.stderr
+    shown = airswing("export", "--help", folder=tmp_path).stdout
+    assert "reject_list needs it" in " ".join(shown.split())
 
 
 @pytest.mark.parametrize(
@@ -114,9 +118,13 @@ def test_a_sample_is_not_mixed_with_what_is_there(tmp_path):
 
 
 def test_a_track_without_a_model_says_what_it_needs(tmp_path):
-    (tmp_path / "track.csv").touch()
-    done = airswing("collocate", "track.csv", "-o", "out.csv", folder=tmp_path)
-    assert done.returncode == 2 and "--reference NAME=GLOB" in done.stderr
+    words = ("collocate", "track.csv", "-o", "out.csv")
+    assert "--reference NAME=GLOB" in airswing(*words, folder=tmp_path).stderr
+    words += ("--reference", "ruc=none/*.grb")
+    assert "track.csv: no such file. Check the path" in airswing(*words, folder=tmp_path).stderr
+    (tmp_path / "track.csv").write_text("time,lat,lon,pressure_hPa\n")
+    done = airswing(*words, folder=tmp_path)
+    assert done.returncode == 2 and "airswing: --reference ruc: no file found" in done.stderr
 
 
 def test_help_and_version(tmp_path):

@@ -89,12 +89,17 @@ def _common(
 
 def _alone(stage: Callable[[Job], T], config: Path, **options: Any) -> tuple[Job, T]:
     """Run one stage of a configuration; options as of :meth:`Job.of`."""
+    from airswing.config_file import naming_configuration
     from airswing.products.whole_files import workspace
     from airswing.workflow import Job
     from airswing.workflow.compute import scheduler
 
     job = Job.of(config, **options)
-    with workspace(job.output), scheduler(job.config.compute, job.progress):
+    with (
+        naming_configuration(config),
+        workspace(job.output),
+        scheduler(job.config.compute, job.progress),
+    ):
         return job, stage(job)
 
 
@@ -122,12 +127,13 @@ def run(
     an interrupted run and includes new files.
     """
     from airswing import workflow
+    from airswing.config_file import naming_configuration
     from airswing.workflow import compute
     from airswing.workflow.main import summary_text
 
     options: Any = {"output": output, "fresh": fresh, "quiet": quiet, "scheduler": scheduler}
     job = workflow.Job.of(config, **options)
-    with compute.scheduler(job.config.compute, job.progress):
+    with naming_configuration(config), compute.scheduler(job.config.compute, job.progress):
         summary = workflow.run_job(job).summary
     _print(summary, as_json=json, text=summary_text(summary, job.output, units=job.config.units))
     workflow.events_said(job, summary.get("events", 0))
@@ -223,9 +229,11 @@ def evaluate(config: ConfigPath, output: Output = None, quiet: Quiet = False) ->
     Needs the headings.
     """
     from airswing import workflow
+    from airswing.config_file import naming_configuration
 
     job = workflow.Job.of(config, output=output, quiet=quiet)
-    _print(workflow.make_field_test(job), as_json=True, text="")
+    with naming_configuration(config):
+        _print(workflow.make_field_test(job), as_json=True, text="")
 
 
 @app.command()
@@ -235,9 +243,11 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
     Needs the headings.
     """
     from airswing import workflow
+    from airswing.config_file import naming_configuration
 
     job = workflow.Job.of(config, output=output, quiet=quiet)
-    _print(workflow.make_sensitivity(job, intervals=True), as_json=True, text="")
+    with naming_configuration(config):
+        _print(workflow.make_sensitivity(job, intervals=True), as_json=True, text="")
 
 
 @app.command()
@@ -300,7 +310,10 @@ def export(
         str | None, typer.Option(help="tail, or number: five digits an aircraft.")
     ] = None,
     base: Annotated[
-        Path | None, typer.Option(help="Reject list or error table to change.", metavar="FILE")
+        Path | None,
+        typer.Option(
+            help="Reject list or error table to change; reject_list needs it.", metavar="FILE"
+        ),
     ] = None,
     start: Annotated[str | None, typer.Option(help="First time (ISO 8601, UTC).")] = None,
     end: Annotated[str | None, typer.Option(help="End of the period, excluded.")] = None,
@@ -329,7 +342,8 @@ def export(
             overwrite=overwrite,
             settings=with_handover(job.config, given),
         )
-        stage.note = f"{len(result['files']):,} files"
+        number = len(result["files"])
+        stage.note = f"{number:,} file{'s' * (number != 1)}"
     _print(result, as_json=json, text=as_text(result))
 
 

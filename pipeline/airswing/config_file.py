@@ -8,9 +8,10 @@ system accepts.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -87,12 +88,28 @@ def with_handover(config: Config, given: Mapping[str, object]) -> Handover:
         raise ConfigError(message, field=place, found=options.get(key)) from err
 
 
+@contextlib.contextmanager
+def naming_configuration(path: Path | str | None) -> Iterator[None]:
+    """Name the configuration's file in errors that name one of its keys and no file."""
+    try:
+        yield
+    except InputError as err:
+        section = (err.field or "").split(".")[0]
+        if path is None or err.file is not None or section not in Config.model_fields:
+            raise
+        raise err.located(file=path) from err.__cause__
+
+
 def _content(path: Path, output: Path | None) -> dict[str, object]:
     if not path.exists():
-        raise ConfigError("no such configuration", file=path)
+        remedy = "Check the path, which starts at the current directory; it names a YAML file"
+        raise ConfigError("no such configuration", file=path, remedy=remedy)
     content = load_yaml(path, ConfigError)
     if not isinstance(content, dict):
-        raise ConfigError("a configuration is a mapping of keys to values", file=path)
+        remedy = "It has at least the keys reports, references and output"
+        raise ConfigError(
+            "a configuration is a mapping of keys to values", file=path, remedy=remedy
+        )
     if output is not None:
         content["output"] = str(output)
     return content
@@ -159,9 +176,11 @@ def load_yaml(path: Path, kind: type[InputError] = InputError) -> object:
             content = file.read(MOST_BYTES + 1)
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as err:
-        raise kind("not a YAML file: not UTF-8 text", file=path) from err
+        remedy = "Save it as UTF-8"
+        raise kind("not a YAML file: not UTF-8 text", file=path, remedy=remedy) from err
     except OSError as err:
-        raise kind("cannot read the file", file=path, found=err.strerror) from err
+        remedy = "Check its path and permissions"
+        raise kind("cannot read the file", file=path, found=err.strerror, remedy=remedy) from err
     if len(content) > MOST_BYTES:
         raise kind(f"larger than {MOST_BYTES:,} bytes: not a file that airswing reads", file=path)
     try:

@@ -10,6 +10,7 @@ import difflib
 import reprlib
 from collections.abc import Sequence
 from functools import partial
+from typing import Self
 
 LONGEST = 2_000  # characters of a message
 # File 400, field 250, what 550, found 450 and remedy 250 together are shorter than LONGEST.
@@ -82,6 +83,11 @@ class InputError(AirswingError):
         if remedy is not None:
             message += f". {shortened(remedy, 250)}"
         super().__init__(message)
+
+    def located(self, *, file: object | None = None, field: str | None = None) -> Self:
+        """Return the same error with a file or field in place of its own."""
+        place = {"file": file or self.file, "field": field or self.field}
+        return type(self)(self.what, **place, found=self.found, remedy=self.remedy)  # type: ignore[arg-type]
 
     def __reduce__(self) -> tuple[object, ...]:
         rest = partial(type(self), file=self.file, field=self.field, found=self.found)

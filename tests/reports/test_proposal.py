@@ -34,6 +34,7 @@ def european():
             "WSpd [m/s]": TRUTH["speed"],
             "OAT": -55.0,
             "Remark: none": "x",
+            "temperature_qc": "pass",
         }
     )
 

@@ -18,6 +18,7 @@ from airswing.reports.columns import (
     OTHER_NAMES,
     QUANTITIES,
     REQUIRED,
+    TEXT,
     Quantity,
     Source,
     compatible,
@@ -92,6 +93,8 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
         remarks["tail"] = "one aircraft a file is a guess: give its name, or the column that has it"
     parts = mapping.get("time")
     used = {*mapping, *(parts.values() if isinstance(parts, dict) else ())}
+    # Canonical columns of text are read without a mapping.
+    used |= {column for column in table.columns if column.strip().lower() in TEXT}
     missing = [name for name in REQUIRED if name not in found and name != "tail"]
     if not found.keys() & {"pressure_altitude", "pressure"}:
         missing.append("pressure_altitude_ft or pressure_hPa")

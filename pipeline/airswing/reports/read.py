@@ -262,7 +262,8 @@ def expand(files: str | Path | Iterable[str | Path], field: str = "reports.files
             raise none_found(text, field)
         found.update(dict.fromkeys(names))
     if not found:
-        raise InputError("names no file", field=field)
+        remedy = "Give a path, or a pattern such as reports/*.csv"
+        raise InputError("names no file", field=field, remedy=remedy)
     return [Path(name) for name in found]
 
 
@@ -304,13 +305,14 @@ def _require_format(format: str) -> None:
 def _format_of(path: Path) -> str:
     start = first_bytes(path)
     if not start:
-        raise InputError("is empty", file=path)
+        raise InputError("is empty", file=path, remedy="Write it again, or remove it")
     if (refusal := _refusal_of(start, path)) is not None:
         raise refusal
     for name, one in formats().items():
         if one.recognises(start):
             return name
-    raise InputError("is not a report file of a known format", file=path, found=start[:16])
+    what = "is not a report file of a known format"
+    raise InputError(what, file=path, found=start[:16], remedy=_TABLE)
 
 
 def _refusal_of(start: bytes, path: Path) -> InputError | None:

@@ -20,7 +20,7 @@ import numpy as np
 import xarray as xr
 
 from airswing.config import Config
-from airswing.config_file import load_config
+from airswing.config_file import load_config, naming_configuration
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame, sampled
 from airswing.gap.checks import review_claims
@@ -234,9 +234,7 @@ def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, stri
     try:
         left = remove_effects(start.frame, removed)
     except InputError as err:
-        raise InputError(
-            err.what, file=source, field=err.field, found=err.found, remedy=err.remedy
-        ) from err
+        raise err.located(file=source) from err
     # mean vector disagreement of reports and simulation
     before, after = (float(np.hypot(*one.residual.T).mean() / KNOT) for one in (start.frame, left))
     entry = KnownEntry(
@@ -268,7 +266,8 @@ def _against(
         return Start(with_simulated_wind(frame, matched), simulation=entry)
     output = job.output / _SIMULATION_FOLDER
     config = simulation.model_copy(update={"output": output})
-    effects = effects_of_archive(replace(job, config=config, fresh=True))
+    with naming_configuration(simulated):
+        effects = effects_of_archive(replace(job, config=config, fresh=True))
     shutil.rmtree(output, ignore_errors=True)
     shared = set(frame.tails) & {str(name) for name in reports["aircraft"].values}
     entry = replace(entry, matched_by="distribution", aircraft_in_both=sorted(shared))
@@ -293,10 +292,14 @@ def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Config]:
     if Path(simulated).suffix in {".yaml", ".yml"}:
         config = load_config(Path(simulated))
         section = config.reports
-        found = read_reports(section.files, format=section.format, columns=section.columns)
+        with naming_configuration(simulated):
+            found = read_reports(section.files, format=section.format, columns=section.columns)
         return found, config
     if not glob(simulated, recursive=True):
-        raise InputError("no reports of a simulation", file=simulated, field="--simulated")
+        remedy = "Name a file of reports, a glob, or a configuration"
+        raise InputError(
+            "no reports of a simulation", file=simulated, field="--simulated", remedy=remedy
+        )
     files, columns = [simulated], job.config.reports.columns
     try:
         found, columns = read_reports(files), {}

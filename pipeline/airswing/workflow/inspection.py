@@ -30,7 +30,10 @@ def _content(path: Path) -> tuple[str, dict[str, object]]:
         start = first_bytes(str(path), 4096)
         refusal = unreadable(str(path), start)
     except OSError as err:
-        raise InputError("cannot open the file", file=path, found=err.strerror) from err
+        remedy = "Check the path, which starts at the current directory"
+        raise InputError(
+            "cannot open the file", file=path, found=err.strerror, remedy=remedy
+        ) from err
     if refusal is not None and b"[Content_Types].xml" not in start:  # of an Excel workbook
         raise refusal
     no_winds: InputError | None = None

@@ -18,6 +18,7 @@ import xarray as xr
 
 from airswing.compass.plausibility import heading_kind_warnings, plausibility_warnings
 from airswing.config import Config
+from airswing.config_file import naming_configuration
 from airswing.evaluation import Evaluation
 from airswing.evaluation.monitoring.changes import change_warnings
 from airswing.flags import STATUS
@@ -128,7 +129,8 @@ def run(
     from airswing.workflow import compute
 
     job = Job.of(config, output=output, fresh=fresh, quiet=quiet, scheduler=scheduler)
-    with compute.scheduler(job.config.compute, job.progress):
+    path = None if isinstance(config, Config) else config
+    with naming_configuration(path), compute.scheduler(job.config.compute, job.progress):
         return run_job(job)
 
 

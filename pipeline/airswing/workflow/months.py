@@ -13,6 +13,7 @@ by month. New model files cause a month to be remade, removed ones do not.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from airswing.compass.headings import derive_headings
 from airswing.compass.screening import audit as screening_counts
 from airswing.compass.screening import mark_corrected_units, screen
 from airswing.errors import InputError
+from airswing.evaluation.field_test import require_aircraft
 from airswing.products.netcdf import as_stored, open_product, read_product
 from airswing.products.ragged import BLOCK_REPORTS, FLIGHTS
 from airswing.products.whole_files import code_digest, fingerprint, read_note, write_json
@@ -52,7 +54,8 @@ def make_headings(job: Job) -> xr.Dataset:
     """
     with job.progress.stage("reports") as stage:
         archive = ReportArchive(job)
-        stage.note = f"{archive.count:,} reports in {len(archive.files):,} files"
+        number = len(archive.files)
+        stage.note = f"{archive.count:,} reports in {number:,} file{'s' * (number != 1)}"
         stage.bytes_read = archive.bytes_read
     for warning in reading_warnings(archive.audit.as_dict()):
         job.progress.say(f"  {warning}")
@@ -123,8 +126,10 @@ class ReportArchive:
                     self.files[name] = noted[name]
                 else:
                     audit = self._read(name).as_dict()
-                    days = _days_of(self._frames[name])
-                    self.files[name] = {"identity": identity, "audit": audit, "days": days}
+                    frame = self._frames[name]
+                    tails = frame["tail"].unique().tolist()
+                    self.files[name] = {"identity": identity, "audit": audit, "tails": tails}
+                    self.files[name]["days"] = _days_of(frame)
                     self.bytes_read += status.st_size
             except InputError as error:
                 if self._asked.on_bad_file == "fail":
@@ -137,6 +142,8 @@ class ReportArchive:
             self.audit.add(Audit.from_dict(record["audit"]))
         if not self.audit.kept:
             raise none_usable(self.audit)
+        if (test := job.config.field_test) is not None:
+            self._require_aircraft([*test.corrected, *test.controls])
         write_json(job.notes / "reports.json", {"key": key, "files": self.files})
         rows = [(name, *row) for name, record in self.files.items() for row in record["days"]]
         self.days = pd.DataFrame(rows, columns=["file", "day", "count", "mark"])
@@ -146,6 +153,13 @@ class ReportArchive:
         options: Any = {"format": self._asked.format, "columns": self._asked.mapping}
         self._frames[name], audit = read_file(name, **options)
         return audit
+
+    def _require_aircraft(self, chosen: list[str]) -> None:
+        """Refuse an unknown aircraft of the field test before model files are read."""
+        tails = {tail for record in self.files.values() for tail in record["tails"]}
+        # Aircraft that share an identifier are numbered later: N401-1, N401-2.
+        numbered = {name for name in chosen if re.sub(r"-\d+$", "", name) in tails}
+        require_aircraft(np.array(sorted(tails | numbered)), chosen, "field_test")
 
     def _frame(self, name: str) -> pd.DataFrame:
         if name not in self._frames:

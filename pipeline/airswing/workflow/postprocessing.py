@@ -10,7 +10,7 @@ import xarray as xr
 from pydantic import BaseModel
 
 from airswing.config import Config, FlightLevelWinds
-from airswing.config_file import load_postprocess
+from airswing.config_file import load_postprocess, naming_configuration
 from airswing.errors import ConfigError
 from airswing.handover.forecasts.correcting import (
     SCORES,
@@ -37,7 +37,7 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     """
     section, folder, whole = load_postprocess(config, output=output)
     progress = Progress(quiet=quiet)
-    with workspace(folder):
+    with naming_configuration(config), workspace(folder):
         with progress.stage("pairs") as stage:
             if section.pairs is not None:
                 given = section.pairs

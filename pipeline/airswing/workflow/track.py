@@ -119,6 +119,9 @@ def collocate_track(
     for path in (track, output):
         if path.suffix.lower() not in TABLES:
             raise InputError("a track is a .csv or .parquet file", file=path)
+    if not track.exists():
+        remedy = "Check the path, which starts at the current directory"
+        raise InputError("no such file", file=track, remedy=remedy)
     try:
         # read as text, so that identifiers keep leading zeros
         table = (
@@ -127,8 +130,14 @@ def collocate_track(
             else pd.read_parquet(track)
         )
     except (OSError, ValueError) as error:
-        raise InputError("cannot read the table", file=track, found=error) from error
-    models = {name: build_catalogue(pattern, name=name) for name, pattern in files.items()}
+        found, remedy = getattr(error, "strerror", None) or error, "Save it as CSV or Parquet again"
+        raise InputError("cannot read the table", file=track, found=found, remedy=remedy) from error
+    models = {}
+    for name, pattern in files.items():
+        try:
+            models[name] = build_catalogue(pattern, name=name)
+        except InputError as error:  # it names a key of a configuration
+            raise error.located(field=f"--reference {name}") from error.__cause__
     found = append_winds(table, models, columns=names)
     for name, model in models.items():
         number = int(found[f"{name}_wind_speed_kt"].notna().sum())
@@ -161,7 +170,10 @@ def _pairs(given: Sequence[str], option: str, example: str) -> dict[str, str]:
 def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
     if absent := [name for name in columns if name not in table.columns]:
         there = ", ".join(map(str, table.columns))
-        raise InputError("the table has no such column", field=absent[0], found=there)
+        remedy = "Give one of its columns"
+        raise InputError(
+            "the table has no such column", field=absent[0], found=there, remedy=remedy
+        )
     found: dict[str, NDArray[np.generic]] = {}
     for name in map(str, table.columns):
         meant = columns.get(name, name).strip()
@@ -171,7 +183,8 @@ def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
             unreadable = np.isnat(found["time"]) & ~blank
             if unreadable.any():
                 first = table[name].iloc[int(np.argmax(unreadable))]
-                raise InputError("a time cannot be read", field=name, found=first)
+                remedy = "Times are ISO 8601 (UTC) or seconds since 1970"
+                raise InputError("a time cannot be read", field=name, found=first, remedy=remedy)
         elif (known := split_name(meant)) and known[0].variable in (*_PLACE, "pressure_altitude"):
             quantity, unit = known
             factor, offset = conversion(unit, quantity.si_unit)

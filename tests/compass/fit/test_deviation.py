@@ -419,7 +419,9 @@ def test_a_compass_that_changed_has_no_offset():
 
 def test_an_offset_on_two_headings_is_the_mean_of_both():
     """The robust weights must not keep one heading and discard the other as gross errors."""
-    setting = replace(FLEET, days=40, hub_and_spoke=True, noise=0.4, flight_error=0.3, day_error=0.1)
+    setting = replace(
+        FLEET, days=40, hub_and_spoke=True, noise=0.4, flight_error=0.3, day_error=0.1
+    )
     deviation = np.zeros((setting.aircraft, 5))
     deviation[:2] = [[0.5, 6.0, 0.0, 0.0, 0.0], [0.5, 8.0, 0.0, 0.0, 0.0]]
     headings, _ = fly(deviation, setting, 8)

@@ -286,8 +286,9 @@ def fit_aircraft(
         theta[free] += step
         if small and held:
             break
-        # residuals of a constant contain the cycles on the headings flown: variances that follow the
-        # steps would shrink around one of two headings, and the other would pass for gross errors
+        # residuals of a constant contain the cycles on the headings flown: variances that follow
+        # the steps would shrink around one of two headings, and the other would pass for gross
+        # errors
         if (small and number) or (number == 1 and not harmonics):
             scatters = [one.scatter for one in passes]
     if not total:

@@ -62,9 +62,7 @@ def damage_named(path: Path, title: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        found, remedy = error.found, error.remedy
-        named = InputError(error.what, file=path, field=error.field, found=found, remedy=remedy)
-        raise named from error.__cause__
+        raise error.located(file=path) from error.__cause__
     except UnicodeDecodeError as error:
         remedy = "Save it as UTF-8, or remove it"
         raise InputError("is not UTF-8 text", file=path, remedy=remedy) from error
