@@ -74,8 +74,11 @@ def test_the_section_on_changes_gives_date_size_and_consequence(stability):
     assert [axes.get_ylabel() for axes in figure.axes[::2]] == ["N1", "N2"]
     assert "1 found" in figure.caption
     stability["changes"][0]["changes"] = []
+    stability["windows"].append(window("N2", "2009-11-01"))
+    stability["windows"].append(window("N2", "2009-12-01"))
     assert "None of 2" in stability_section(stability, SHOW).lead
-    caption = SHOW.made["changes"].caption
+    figure, caption = SHOW.made["changes"], SHOW.made["changes"].caption
+    assert [axes.get_ylabel() for axes in figure.axes[::2]] == ["N2", "N1"]
     assert "shown as examples" in caption and "N2 from 2009-10-01 (too few reports)" in caption
 
 
@@ -155,7 +158,14 @@ def test_new_events_come_first_and_names_are_escaped(tmp_path):
     text = write_monitoring_page(tmp_path / "monitoring.html", content).read_text()
     assert "2.0° rms, offset +2.0 ± 4.0°" in text and "× 1.62 ± 0.20" in text
     assert "N&lt;2&gt;" in text and "N<2>" not in text
-    quiet = monitoring_section(monitored([]), SHOW)
+    assert "no report for 6 days when noticed" in text
+    first = monitored([])
+    first.states[0].table_in_use, first.states[0].table_difference_deg = (
+        first.states[0].table_now,
+        0.0,
+    )
+    quiet = monitoring_section(first, SHOW)
+    assert "no, same table" in quiet.body and "no, same table" not in text
     assert quiet.lead.startswith("No new event.") and "<img" not in quiet.body
 
 

@@ -131,11 +131,18 @@ def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went():
     corrected["corrected_eastward_wind"][:] = headings["eastward_wind"].to_numpy() * 2
     worse = selection.disagreement(headings, corrected, "ruc").total
     assert "rises from" in selection.headline(fits, worse, "ruc")
+    offset = fits.assign(
+        status=fits["status"].copy(data=[[0, STATUS["offset_only"]]] * len(fits["status"]))
+    )
+    text = selection.headline(offset, total, "ruc")
+    assert text.startswith(
+        "Compass deviation fitted for 1 of 2 aircraft, offset only for 1 (median "
+    )
     nothing = fits.assign(status=fits["status"] * 0 + STATUS["too_few_reports"])
     wrong = fits.assign(status=fits["status"] * 0 + STATUS["implausible_reports"])
     none = selection.BeforeAfter(np.nan, np.nan, np.nan, np.nan, 0)
     assert "contradict the reference" in selection.headline(wrong, None, "ruc")
-    for ds in (fits, nothing, wrong):
+    for ds in (fits, offset, nothing, wrong):
         for one in (total, worse, none, None):
             assert len(selection.headline(ds, one, POOL).split()) <= 25
 

@@ -199,6 +199,8 @@ def test_the_page_of_a_thousand_aircraft_is_small(tmp_path):
 
 def test_heading_error_figure_draws_the_fit_and_the_table():
     axes = report.heading_error_figure(HEADINGS, FITS, "N002", "ruc").axes[0]
+    low, high = axes.get_ylim()
+    assert all(low <= y <= high for y in axes.lines[0].get_ydata())
     lines = {line.get_label(): line for line in axes.get_lines()}
     fit = FITS.sel(reference="ruc", aircraft="N002")
     x, y = lines["fitted curve"].get_data()

@@ -145,8 +145,8 @@ def test_the_summary_has_95_percent_intervals_and_a_dash_for_what_was_not_fitted
     summary = {
         "reference": "ruc",
         "reports": {"read": 30796, "usable": 30796, "kept": 22991},
-        "aircraft": 2,
-        "status": {"ok": 1, "offset_only": 1},
+        "aircraft": 3,
+        "status": {"ok": 1, "no_correction_needed": 0, "offset_only": 1, "too_few_reports": 1},
         "disagreement_kt": {"before": 11.3, "after": 5.9},
         "fits": [
             fit("N401"),
@@ -157,7 +157,7 @@ def test_the_summary_has_95_percent_intervals_and_a_dash_for_what_was_not_fitted
     assert "5.81 m/s before, 3.04 m/s after" in summary_text(summary, Path("out"), units="m/s")
     text = summary_text(summary, Path("out"))
     assert "nan" not in text and "95 % intervals" in text
-    assert "1 of 2 aircraft fitted against ruc, 1 with an offset only" in text
+    assert "Compass deviation fitted for 1 of 3 aircraft, offset only for 1\n" in text
     fitted, none, offset = (line for line in text.splitlines() if line.startswith("N4"))
     assert "5.83 +- 0.20" in fitted
     assert len(fitted.split("ok")[0]) == len(none.split("too_few")[0])

@@ -187,7 +187,7 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
     before and after, ``warnings``, and under ``fits`` an entry for each aircraft (degrees, kt).
     """
     from airswing.report.run.reading_warnings import reading_warnings, reference_warnings, tally
-    from airswing.report.run.selection import kept_reports, screening_warnings
+    from airswing.report.run.selection import kept_reports, screening_warnings, status_counts
 
     names = ["offset", "amplitude", "phase"]
     names += [f"{name}_standard_error" for name in names]
@@ -208,7 +208,7 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
         },
         "aircraft": headings.sizes["aircraft"],
         "months": json.loads(headings.attrs.get("months", "{}")),
-        "status": {name: int((table["status"] == name).sum()) for name in STATUS},
+        "status": status_counts(fits, job.reference),
         "disagreement_kt": {"before": apart.total.before, "after": apart.total.after},
         "warnings": [
             *plausibility_warnings(fits),
@@ -225,13 +225,14 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
 def summary_text(summary: Summary, output: Path, *, units: Literal["kt", "m/s"] = "kt") -> str:
     """Lay the summary out for a terminal; `output` is the folder of the products."""
     from airswing.report.html import per_kt
+    from airswing.report.run.selection import fitted_text
 
-    reports, status, factor = summary["reports"], summary["status"], per_kt(units)
+    reports, factor = summary["reports"], per_kt(units)
     before, after = (factor * summary["disagreement_kt"][when] for when in ("before", "after"))
     lines = [
-        f"{reports['read']:,} reports read, {reports['kept']:,} kept for the fit; "
-        f"{status['ok']} of {summary['aircraft']} aircraft fitted against {summary['reference']}"
-        + (f", {status['offset_only']} with an offset only" if status["offset_only"] else ""),
+        f"{reports['read']:,} reports read, {reports['kept']:,} kept for the fit against "
+        f"{summary['reference']}",
+        fitted_text(summary["status"]),
         "",
         "aircraft    amplitude*       phase   offset*          reports   "
         f"{f'wind disagreement ({units})':<24}status",

@@ -89,7 +89,7 @@ def write_gap_page(
         "stated."
     )
     text = html.document(
-        title="airswing: the sim-to-real gap",
+        title="airswing: gap between real and simulated reports",
         kicker="Gap between real and simulated reports",
         headline=words.headline(content, units=units),
         facts=[*facts, (p_value, "p value of the gap")],

@@ -6,6 +6,7 @@ Contents as in ``stability.json`` (docs/formats.md) and ``events.json``
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,9 +58,10 @@ def days_since_1970(days: ArrayLike) -> NDArray[np.float64]:
 def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Figure:
     changes = {entry["aircraft"]: entry["changes"] for entry in stability["changes"]}
     windows = [entry for entry in stability["windows"] if entry["status"] == "ok"]
-    fitted = {entry["aircraft"] for entry in windows}
+    fitted = Counter(entry["aircraft"] for entry in windows)
     known = [name for name in changes if changes[name] or name in fitted]
-    known.sort(key=lambda name: (not changes[name], name not in fitted, name))
+    # without changes, aircraft with most windows are examples
+    known.sort(key=lambda name: (not changes[name], -fitted[name], name))
     changed = sum(bool(changes[name]) for name in known)
     aircraft = known[: min(max(changed, FEWEST_AIRCRAFT), MOST_AIRCRAFT)]
     if not aircraft:
@@ -237,7 +239,7 @@ def _event_size(event: Event) -> str:
         half = NORMAL_95 * evidence["standard_error_deg"]["A"]
         offset = interval_text(evidence["change_deg"]["A"], half, digits=1, sign=True)
         return f"{evidence['curve_rms_deg']:.1f}° rms, offset {offset}°"
-    return f"{evidence['days']} days" if "days" in evidence else "-"
+    return f"no report for {evidence['days']} days when noticed" if "days" in evidence else "-"
 
 
 def _states_table(monitoring: Monitoring, units: Units) -> Markup:
@@ -253,13 +255,14 @@ def _states_table(monitoring: Monitoring, units: Units) -> Markup:
     for one in states:
         speeds = (one.disagreement_kt, one.past_disagreement_kt)
         now, past = (number_text(speed, factor=factor) for speed in speeds)
+        same = one.table_difference_deg == 0.0
         rows.append(
             {
                 "aircraft": one.aircraft,
                 "last report": f"{one.last_day}{' (no reports since)' if one.silent else ''}",
                 f"disagreement, last days ({units})": now,
                 f"before ({units})": past,
-                "another table needed": needed[one.tables_differ],
+                "another table needed": "no, same table" if same else needed[one.tables_differ],
                 "difference of the tables (° rms)": number_text(one.table_difference_deg),
             }
         )
@@ -267,7 +270,8 @@ def _states_table(monitoring: Monitoring, units: Units) -> Markup:
     caption = (
         "Mean wind vector disagreement of the last seven days with reports and of the days before; "
         "whether the table fitted now differs from the table in use by more than the error of both "
-        f"(n = {plural(every, 'aircraft')}{more})."
+        f"(n = {plural(every, 'aircraft')}{more}). Without monitoring.tables_in_use, the first "
+        "table fitted counts as in use."
     )
     words = ("aircraft", "last report", "another table needed")
     return html.table(rows, words=words, caption=caption)

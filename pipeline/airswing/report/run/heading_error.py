@@ -88,10 +88,10 @@ def _curve(fit: xr.Dataset) -> Floats:
 
 
 def _error_limit(error: Floats, fitted: Floats) -> float:
-    """Return half the height of a panel (degrees) that contains the curve and most reports."""
-    # One report in forty may lie outside; beyond 60 degrees the curve would look flat.
-    spread = float(np.percentile(np.abs(error), 97.5)) if error.size else 0.0
-    return float(np.clip(max(spread, float(np.max(np.abs(fitted))) * 1.15), 3.0, 60.0))
+    """Return half the height of a panel (degrees) that contains the curve and the reports."""
+    # Beyond 60 degrees the curve would look flat.
+    reach = np.max(np.abs(error), initial=0.0), np.max(np.abs(fitted)) * 1.15
+    return float(np.clip(max(reach), 3.0, 60.0))
 
 
 def draw_heading_error(

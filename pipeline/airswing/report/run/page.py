@@ -63,7 +63,7 @@ PRODUCTS = {
     "observation_errors.nc": "observation errors by phase of flight and layer (NetCDF)",
     "events.json": "state of every aircraft and events (JSON)",
     "report/monitoring.html": "monitoring of the fleet (page)",
-    "gap/index.html": "the sim-to-real gap (page)",
+    "gap/index.html": "gap between real and simulated reports (page)",
     "postprocess/index.html": "post-processed forecasts (page)",
 }
 
@@ -161,12 +161,11 @@ def write_page(
 
 def _facts(run: Run, total: BeforeAfter | None) -> list[tuple[str, str]]:
     sizes, constants = selection.fitted_sizes(run.fits, run.reference)
-    fitted = f"{sizes.size + constants.size} of {run.fits.sizes['aircraft']}"
-    facts = [(fitted, "aircraft fitted")]
+    facts = [(f"{sizes.size} of {run.fits.sizes['aircraft']}", "aircraft fitted")]
     if sizes.size:
         facts.append((f"{np.median(sizes):.1f}°", "median amplitude of the deviation"))
     if constants.size:
-        words = f"median offset of {constants.size} with a constant only"
+        words = f"median offset of {constants.size} aircraft with an offset only"
         facts.append((f"{np.median(constants):+.1f}°", words))
     if total is not None and total.number:
         before, after, reduction, half = (html.per_kt(run.units) * value for value in total[:4])

@@ -7,7 +7,7 @@ heading error of a pool is the mean over its members. Angles are degrees.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, SupportsInt
@@ -297,6 +297,19 @@ def kept_reports(headings: xr.Dataset) -> int:
     return int(used(headings).sum())
 
 
+def status_counts(fits: xr.Dataset, reference: str) -> dict[str, int]:
+    """Return the number of aircraft by the status of their fit against one reference."""
+    status = fits["status"].sel(reference=reference)
+    return {name: int((status == code).sum()) for name, code in STATUS.items()}
+
+
+def fitted_text(counts: Mapping[str, int]) -> str:
+    """Return the numbers of aircraft with a curve and with an offset only, from `status_counts`."""
+    curves, offsets = counts["ok"] + counts["no_correction_needed"], counts["offset_only"]
+    text = f"Compass deviation fitted for {curves} of {sum(counts.values())} aircraft"
+    return text + (f", offset only for {offsets}" if offsets else "")
+
+
 def fitted_sizes(fits: xr.Dataset, reference: str) -> tuple[Floats, Floats]:
     """Return the amplitudes of aircraft with a curve and the offsets of those with a constant."""
     fit = fits.sel(reference=reference)
@@ -310,21 +323,20 @@ def headline(
 ) -> str:
     """Return the headline of a run, at most 25 words."""
     sizes, constants = fitted_sizes(fits, reference)
-    fitted, fleet = sizes.size + constants.size, fits.sizes["aircraft"]
-    status = fits["status"].sel(reference=reference)
-    if implausible := int((status == STATUS["implausible_reports"]).sum()):
+    counts, fleet = status_counts(fits, reference), fits.sizes["aircraft"]
+    if implausible := counts["implausible_reports"]:
         return (
             f"Reports of {implausible} of {fleet} aircraft contradict the reference {reference}: "
             "check their units before any correction."
         )
-    if not fitted:
+    if not sizes.size + constants.size:
         return (
             f"No usable fit for any of {fleet} aircraft against {reference}; see Omitted reports."
         )
     typical = f"median offset {np.median(constants):+.1f}°" if constants.size else ""
     if sizes.size:
         typical = f"median amplitude {np.median(sizes):.1f}°"
-    text = f"Compass deviation fitted for {fitted} of {fleet} aircraft ({typical})"
+    text = f"{fitted_text(counts)} ({typical})"
     if total is None:
         return f"{text}."
     if not total.number:
