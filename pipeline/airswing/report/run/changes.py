@@ -98,7 +98,7 @@ def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Fig
         f"compass and its 95 % interval ({sum(len(changes[name]) for name in aircraft)} found)."
     )
     if not changed:
-        text += " No compass changed: the first aircraft are shown as examples."
+        text += " No compass changed: aircraft with most windows are shown as examples."
     missing = [
         f"{entry['aircraft']} from {entry['window']} ({entry['status'].replace('_', ' ')})"
         for entry in stability["windows"]
