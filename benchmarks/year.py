@@ -108,7 +108,7 @@ def measured(config):
 
     from airswing import workflow
     from airswing.config_file import load_config
-    from airswing.workflow.compute import scheduler
+    from airswing.workflow.job import resources
     from airswing.workflow.progress import Progress
 
     class Watched(Progress):
@@ -123,7 +123,7 @@ def measured(config):
 
     stages = []
     job = workflow.Job(load_config(config), Watched())
-    with scheduler(job.config.compute, job.progress):
+    with resources(job.config.compute, job.progress):
         summary = workflow.run_job(job).summary
     account = {name: summary[name] for name in ("reports", "months")}
     print(json.dumps(account | {"stages": stages, "processor": time.process_time()}))

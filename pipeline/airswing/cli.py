@@ -89,17 +89,11 @@ def _common(
 
 def _alone(stage: Callable[[Job], T], config: Path, **options: Any) -> tuple[Job, T]:
     """Run one stage of a configuration; options as of :meth:`Job.of`."""
-    from airswing.config_file import naming_configuration
     from airswing.products.whole_files import workspace
     from airswing.workflow import Job
-    from airswing.workflow.compute import scheduler
 
     job = Job.of(config, **options)
-    with (
-        naming_configuration(config),
-        workspace(job.output),
-        scheduler(job.config.compute, job.progress),
-    ):
+    with job.running(), workspace(job.output):
         return job, stage(job)
 
 
@@ -127,13 +121,11 @@ def run(
     an interrupted run and includes new files.
     """
     from airswing import workflow
-    from airswing.config_file import naming_configuration
-    from airswing.workflow import compute
     from airswing.workflow.main import summary_text
 
     options: Any = {"output": output, "fresh": fresh, "quiet": quiet, "scheduler": scheduler}
     job = workflow.Job.of(config, **options)
-    with naming_configuration(config), compute.scheduler(job.config.compute, job.progress):
+    with job.running():
         summary = workflow.run_job(job).summary
     _print(summary, as_json=json, text=summary_text(summary, job.output, units=job.config.units))
     workflow.events_said(job, summary.get("events", 0))
@@ -229,10 +221,9 @@ def evaluate(config: ConfigPath, output: Output = None, quiet: Quiet = False) ->
     Needs the headings.
     """
     from airswing import workflow
-    from airswing.config_file import naming_configuration
 
     job = workflow.Job.of(config, output=output, quiet=quiet)
-    with naming_configuration(config):
+    with job.running():
         _print(workflow.make_field_test(job), as_json=True, text="")
 
 
@@ -243,10 +234,9 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
     Needs the headings.
     """
     from airswing import workflow
-    from airswing.config_file import naming_configuration
 
     job = workflow.Job.of(config, output=output, quiet=quiet)
-    with naming_configuration(config):
+    with job.running():
         _print(workflow.make_sensitivity(job, intervals=True), as_json=True, text="")
 
 

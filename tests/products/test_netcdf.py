@@ -10,8 +10,13 @@ import xarray as xr
 import airswing
 from airswing.errors import InputError
 from airswing.flags import SCREENING
-from airswing.products.damaged_netcdf import require_sound, written_here
-from airswing.products.netcdf import as_stored, read_product, write_product
+from airswing.products.netcdf import (
+    as_stored,
+    read_product,
+    require_sound,
+    write_product,
+    written_here,
+)
 from airswing.products.ragged import aircraft_of_report, row_bounds
 from airswing.products.whole_files import atomic, plain, write_json
 from airswing.vocabulary import lookup

@@ -7,8 +7,15 @@ import pytest
 from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, ROLL
 from airswing.reports import Audit
-from airswing.reports.columns import conversion, parse_mapping, sources, split_name
-from airswing.reports.values import decode_flags, parse_times, possible
+from airswing.reports.columns import (
+    conversion,
+    decode_flags,
+    parse_mapping,
+    parse_times,
+    possible,
+    sources,
+    split_name,
+)
 
 PLAIN = ["tail", "time", "latitude", "longitude"]
 WIND = ["wind_direction_deg", "wind_speed_kt"]

@@ -10,6 +10,7 @@ reported temperature, else at that of the standard atmosphere, which is in error
 from __future__ import annotations
 
 import string
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -31,9 +32,7 @@ from airswing.physics.triangle import (
     wind_from_triangle,
 )
 from airswing.reports.audit import Audit
-from airswing.reports.columns import LIMITS
-from airswing.reports.values import Column, possible, seconds_since_1970
-from airswing.units import FOOT, KNOT, ZERO_CELSIUS
+from airswing.reports.columns import LIMITS, Column, possible, seconds_since_1970
 
 Array = NDArray[np.float64]
 
@@ -49,38 +48,7 @@ FLAGS = {
 """Flag columns and their value for missing."""
 
 # Usual mistakes of a unit that make values impossible: factor and offset that correct them.
-_Mistakes = dict[str, tuple[float, float]]
-_OF_POSITION: _Mistakes = {
-    "values in tenths of degrees": (0.1, 0.0),
-    "values in hundredths of degrees": (0.01, 0.0),
-    "values in minutes of arc": (1.0 / 60.0, 0.0),
-    "values in seconds of arc": (1.0 / 3600.0, 0.0),
-    **{f"values in 1e-{n} degrees": (10.0**-n, 0.0) for n in range(3, 8)},
-}
-_OF_ANGLE: _Mistakes = {name: _OF_POSITION[name] for name in list(_OF_POSITION)[:2]}
-_OF_SPEED: _Mistakes = {
-    "values in kt read as m/s": (KNOT, 0.0),
-    "values in km/h read as m/s": (1.0 / 3.6, 0.0),
-    "values in tenths": (0.1, 0.0),
-}
-_MISTAKES: dict[str, _Mistakes] = {
-    **dict.fromkeys(("latitude", "longitude"), _OF_POSITION),
-    **dict.fromkeys(("wind_speed", "eastward_wind", "northward_wind"), _OF_SPEED),
-    **dict.fromkeys(("ground_speed", "reported_airspeed", "indicated_airspeed"), _OF_SPEED),
-    **dict.fromkeys(("wind_direction", "reported_heading", "magnetic_heading", "track"), _OF_ANGLE),
-    "air_temperature": {
-        "values in K read as degrees Celsius": (1.0, -ZERO_CELSIUS),
-        "values in degrees Celsius read as K": (1.0, ZERO_CELSIUS),
-        "values in tenths of degrees Celsius": (0.1, 0.9 * ZERO_CELSIUS),
-    },
-    "pressure": {"values in hPa read as Pa": (100.0, 0.0), "values in Pa read as hPa": (0.01, 0.0)},
-    "pressure_altitude": {
-        "values in ft read as m": (FOOT, 0.0),
-        "values in ft read as flight levels": (0.01, 0.0),
-        "values in m read as flight levels": (0.01 / FOOT, 0.0),
-    },
-    "mach": {"values in percent": (0.01, 0.0), "values in thousandths": (1e-3, 0.0)},
-}
+_MISTAKES = pd.read_csv(Path(__file__).with_name("mistakes.csv"))
 _WIND = ("wind_speed", "wind_direction", "eastward_wind", "northward_wind")
 _ANGLES = ("wind_direction", "reported_heading", "magnetic_heading", "track")
 _KEPT = ("air_temperature", "reported_airspeed", "reported_heading")
@@ -177,7 +145,9 @@ def _name_mistake(name: str, values: Array, bad: NDArray[np.bool_], audit: Audit
     wrong = values[bad & np.isfinite(values)]
     if wrong.size < 2 or np.ptp(wrong) == 0.0:
         return
-    for likely, (factor, offset) in _MISTAKES[name].items():
+    for variables, likely, factor, offset in _MISTAKES.itertuples(index=False):
+        if name not in variables.split():
+            continue
         corrected = factor * values + offset
         if np.mean((corrected < low) | (corrected > high)) < 0.02:
             audit.mistakes.setdefault(name, likely)

@@ -1,4 +1,4 @@
-"""Columns of a report table: canonical names and units, and mappings of other names and units.
+"""Columns of a report table: canonical names and units, mappings of other ones, and their values.
 
 A canonical name is a quantity of the table ``columns.csv`` with its unit at the end
 (``wind_speed_kt``); with another unit at the end it needs no mapping. Tables of programs in use are
@@ -6,6 +6,12 @@ recognised by the names of their columns (:data:`LAYOUTS`). The forms of a mappi
 ``docs/formats.md``, and ``name: {only: [value, ...]}``: reports with another value in that column
 are left out. The limits of pressure are those of the standard atmosphere at the limits of pressure
 altitude.
+
+Times are ISO 8601 text (UTC where it has no offset), or a number, which is read by the first of
+these notations that gives a possible time: seconds since 1970, ``yyyymmddHH``, ``yyyymmddHHMM``,
+``yyyymmddHHMMSS``, milliseconds, microseconds or nanoseconds since 1970, Julian date. They do not
+overlap before July 2032, when seconds since 1970 become as large as ``1973010100``. Other notations
+(``01/02/2009``) are ambiguous and count as unparsable unless their format is given.
 """
 
 from __future__ import annotations
@@ -15,12 +21,23 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
+import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
 from airswing.errors import InputError
+from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.quantities import registry
+from airswing.reports.audit import Audit
+
+Column: TypeAlias = "pd.Series[Any]"  # A column of a table, of any type
+Times: TypeAlias = NDArray[np.datetime64]
+Floats: TypeAlias = NDArray[np.float64]
+Integers: TypeAlias = NDArray[np.int64]
+Index: TypeAlias = NDArray[np.integer]
+Mask: TypeAlias = NDArray[np.bool_]
 
 ColumnMapping = Mapping[str, "str | Sequence[str] | Mapping[str, object]"]
 """A mapping in the forms that the module describes."""
@@ -55,23 +72,19 @@ OTHER_NAMES: dict[str, str] = dict(zip(_TABLE["column"], _TABLE["other_names"], 
 """Pattern of the names that other programs give to a column, in small letters and digits."""
 
 _SUFFIXES = {
-    **dict.fromkeys(("deg", "degree", "degrees"), "degree"),
-    **dict.fromkeys(("kt", "kts", "kn", "knots"), "kt"),
-    **dict.fromkeys(("m_s", "mps", "ms", "m_s-1"), "m/s"),
-    **dict.fromkeys(("km_h", "kmh"), "km/h"),
-    **dict.fromkeys(("hPa", "mb", "mbar"), "hPa"),
-    **dict.fromkeys(("degC", "C"), "degC"),
-    **dict.fromkeys(("degF", "F"), "degF"),
-    **{unit: unit for unit in ("ft", "m", "km", "hft", "Pa", "kPa", "mph", "K")},
-    "rad": "radian",
+    suffix: unit
+    for unit, suffixes in {
+        **{"degree": "deg degree degrees", "radian": "rad", "kt": "kt kts kn knots"},
+        **{"m/s": "m_s mps ms m_s-1", "km/h": "km_h kmh", "mph": "mph"},
+        **{"hPa": "hPa mb mbar", "Pa": "Pa", "kPa": "kPa", "degC": "degC C", "degF": "degF F"},
+        **{"K": "K", "ft": "ft", "m": "m", "km": "km", "hft": "hft"},
+    }.items()
+    for suffix in suffixes.split()
 }
+# Spellings that pint does not know, or takes for another unit.
 _SPELLINGS = {
     **_SUFFIXES,
-    **dict.fromkeys(("hft", "hundreds of feet", "flight level"), "hectofoot"),
-    **dict.fromkeys(("m s-1", "m s**-1"), "m/s"),
-    **dict.fromkeys(("meters", "metres"), "m"),
-    **dict.fromkeys(("celsius", "°C", "deg C"), "degC"),
-    **{"°": "degree", "kelvin": "K", "feet": "ft", "arcmin": "arcminute"},
+    **{"hundreds of feet": "hft", "flight level": "hft", "m s-1": "m/s", "deg C": "degC"},
 }
 
 NO_WIND = (
@@ -271,11 +284,12 @@ def sources(names: Iterable[str], mapping: Mapped) -> dict[str, Source]:
     """
     names = list(names)
     by_stripped = {name.strip(): name for name in names}
-    layout, known = layout_of(names), dict[str, str | list[str]]()
-    for key, target in (layout.columns if layout else {}).items():
-        wanted = (key,) if isinstance(target, str) else target
-        if there := [name for name in wanted if name in by_stripped]:
-            known[key] = target if isinstance(target, str) else there
+    layout = layout_of(names)
+    known = {
+        key: target
+        for key, target in (layout.columns if layout else {}).items()
+        if not by_stripped.keys().isdisjoint([key] if isinstance(target, str) else target)
+    }
     found = {}
     for variable, source in {**parse_mapping(known), **mapping}.items():
         there = [by_stripped[n] for n in (source.column, *source.others) if n in by_stripped]
@@ -285,8 +299,8 @@ def sources(names: Iterable[str], mapping: Mapped) -> dict[str, Source]:
             for name in (source.column, *source.parts):
                 if name not in by_stripped:
                     raise _absent(name, names, "the mapped column is not in the file")
-            parts = tuple(by_stripped[name] for name in source.parts)
-            source = replace(source, column=by_stripped[source.column], parts=parts)
+            column, *parts = (by_stripped[name] for name in (source.column, *source.parts))
+            source = replace(source, column=column, parts=tuple(parts))
         found[variable] = source
     taken = {column for source in found.values() for column in source.columns}
     for stripped, name in by_stripped.items():
@@ -339,3 +353,129 @@ def _absent(wanted: str, names: list[str], what: str, free: list[str] | None = N
     if near:
         remedy = f"Nearest there: {', '.join(folded[key] for key in near[:3])}. " + remedy
     return InputError(what, field=wanted, found=", ".join(names), remedy=remedy)
+
+
+# --- values -------------------------------------------------------------------------------------
+
+EARLIEST = np.datetime64("1973-01-01", "ns")
+"""First year of aircraft reports in the archives that reanalyses use (NCAR ds353.4)."""
+_LARGEST_SECONDS = 4.2e9  # the year 2103
+_JULIAN_DATE_1970 = 2440587.5
+_CALENDARS = ((10, "%Y%m%d%H"), (12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"))
+
+LARGEST_ROLL = 5.0  # degrees: limit of a good roll angle in AMDAR and ACARS
+
+# Codes by meaning; the first meaning applies without a code.
+_QC = {"missing": "-", "pass": "P PASS PASSED", "fail": "F FAIL FAILED"}
+_CODES = {
+    "roll_flag": (
+        ROLL,
+        {"missing": "- M", "good": "G GOOD", "bad": "B BAD", "not_available": "N NOT_AVAILABLE"},
+    ),
+    "temperature_qc": (TEMPERATURE_QC, _QC),
+    "wind_qc": (TEMPERATURE_QC, _QC),
+    "phase": (
+        PHASE,
+        {
+            "unknown": "- UNKNOWN",
+            "ascent": "ASCENT ASC CLIMB",
+            "cruise": "CRUISE LEVEL ENROUTE LVR LVW",
+            "descent": "DESCENT DES",
+        },
+    ),
+    "icing": (ICING, {"missing": "- NAN", "off": "0 0.0 FALSE OFF NO", "on": "1 1.0 TRUE ON YES"}),
+}
+FLAGS = tuple(_CODES)  # flag columns of a table
+
+
+def possible(time: Times) -> Mask:
+    """Return True where a report can have been sent at a time; False for NaT."""
+    latest = np.datetime64("now", "ns") + np.timedelta64(1, "D")
+    return np.asarray((time >= EARLIEST) & (time < latest))
+
+
+def parse_times(values: Column, format: str | None = None) -> tuple[Times, Mask]:
+    """Read a column of text (in a format of ``strftime``), numbers or timestamps.
+
+    Returns times (report,), NaT where there is none or it cannot be read, whether they are possible
+    or not, and a mask (report,) of where no time was given.
+    """
+    if isinstance(values.dtype, pd.DatetimeTZDtype):
+        values = values.dt.tz_convert("UTC").dt.tz_localize(None)
+    if np.issubdtype(getattr(values.dtype, "type", object), np.datetime64):
+        time = values.to_numpy(dtype="datetime64[ns]")
+        return time, np.isnat(time)
+    if format is None and pd.api.types.is_numeric_dtype(values.dtype):
+        numbers = values.to_numpy(dtype=np.float64, na_value=np.nan)
+        return _of_numbers(numbers), np.isnan(numbers)
+    index, labels = pd.factorize(values)  # many reports share a time, so each text is parsed once
+    text = pd.Series(labels, dtype="object").map(lambda label: str(label).strip())
+    parsed = pd.to_datetime(text, format=format or "ISO8601", utc=True, errors="coerce")
+    time = parsed.dt.tz_localize(None).to_numpy(dtype="datetime64[ns]").copy()
+    digits = text.str.fullmatch(r"\d{7,19}(\.\d+)?").to_numpy(dtype=bool)
+    if format is None and digits.any():
+        time[digits] = _of_numbers(text[digits].to_numpy(dtype=np.float64))
+    blank = np.append((text == "").to_numpy(dtype=bool), True)  # the last is that of absent values
+    return np.append(time, np.datetime64("NaT", "ns"))[index], blank[index]
+
+
+def seconds_since_1970(time: Times) -> Floats:
+    """Times as float64 seconds since 1970-01-01 UTC."""
+    return time.astype("datetime64[ns]").astype(np.int64) / 1e9
+
+
+def from_epoch(seconds: Floats) -> Times:
+    """Seconds since 1970 as times, to the microsecond; NaT for NaN and outside 1970-2103."""
+    time = np.full(seconds.shape, np.datetime64("NaT", "ns"))
+    known = (seconds >= 0.0) & (seconds < _LARGEST_SECONDS)
+    time[known] = np.round(seconds[known] * 1e6).astype(np.int64).view("datetime64[us]")
+    return time
+
+
+def _of_numbers(values: Floats) -> Times:
+    notations = []
+    for width, pattern in _CALENDARS:
+        dates = (values >= 10.0 ** (width - 1)) & (values < 10.0**width)
+        if dates.any():
+            text = pd.Series(np.where(dates, values, 0.0).astype(np.int64)).astype(str)
+            parsed = pd.to_datetime(text, format=pattern, errors="coerce")
+            notations.append(parsed.to_numpy(dtype="datetime64[ns]"))
+    notations += [from_epoch(values / scale) for scale in (1e3, 1e6, 1e9)]
+    # A float64 of a Julian date resolves 40 microseconds.
+    notations.append(from_epoch(np.round((values - _JULIAN_DATE_1970) * 86400.0, 3)))
+    time = from_epoch(values)
+    for candidates in notations:
+        better = possible(candidates) & ~possible(time)
+        time[better] = candidates[better]
+    return time
+
+
+def numbers(column: Column, factor: float = 1.0, offset: float = 0.0) -> Floats:
+    """Numbers of a column times a factor plus an offset; NaN where a value is none."""
+    found = pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+    return np.asarray(found * factor + offset)
+
+
+def roll_flags(roll: Floats) -> NDArray[np.int8]:
+    """Flags of roll angles (degrees, either sign): bad beyond :data:`LARGEST_ROLL`."""
+    flags = np.where(np.abs(roll) <= LARGEST_ROLL, ROLL["good"], ROLL["bad"])
+    return np.where(np.isnan(roll), ROLL["missing"], flags).astype(np.int8)
+
+
+def decode_flags(
+    values: ArrayLike, flag: str, audit: Audit, *, name: str | None = None
+) -> NDArray[np.int8]:
+    """Codes (report,) as values of one of :data:`FLAGS`, counted under the name of their field."""
+    name = name or flag
+    meanings, words = _CODES[flag]
+    codes = {code: meanings[word] for word, known in words.items() for code in known.split()}
+    codes[""] = meanings[next(iter(words))]
+    index, labels = pd.factorize(np.asarray(values, dtype=object), use_na_sentinel=True)
+    texts = [*(str(label).strip() for label in labels), ""]  # the last is that of absent values
+    counts = np.bincount(np.where(index < 0, len(labels), index), minlength=len(texts))
+    flags = np.array([codes.get(text.upper(), codes[""]) for text in texts], dtype=np.int8)
+    for text, count in zip(texts, counts.tolist(), strict=True):
+        if count:
+            audit.codes(name, {text or "blank": count})
+            audit.repair(f"{name}_unknown_code", 0 if text.upper() in codes else count)
+    return np.asarray(flags[index], dtype=np.int8)

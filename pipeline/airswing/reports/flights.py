@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from airswing.flags import PHASE
 from airswing.physics.great_circle import central_angle
-from airswing.reports.values import Floats, Index, Integers, Mask, seconds_since_1970
+from airswing.reports.columns import Floats, Index, Integers, Mask, seconds_since_1970
 from airswing.units import EARTH_RADIUS
 
 Columns = dict[str, NDArray[Any]]  # columns of reports by name, all of one length

@@ -19,24 +19,22 @@ from airswing.reports.columns import (
     QUANTITIES,
     REQUIRED,
     TEXT,
+    Column,
+    Index,
     Quantity,
     Source,
+    Times,
     compatible,
     conversion,
     gives_wind,
-    split_name,
-)
-from airswing.reports.flights import step_distance
-from airswing.reports.formats.tabular import column_of, first_rows
-from airswing.reports.values import (
-    Column,
-    Index,
-    Times,
     numbers,
     parse_times,
     possible,
     seconds_since_1970,
+    split_name,
 )
+from airswing.reports.flights import step_distance
+from airswing.reports.formats.tabular import column_of, first_rows
 
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 _ENDING = re.compile(r"_(ft|m|km|kts?|kn|knots|mps|m_s|ms|kmh|hPa|Pa|mb|degC|C|K|deg|rad)$", re.I)

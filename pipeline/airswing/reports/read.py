@@ -5,10 +5,11 @@ A file that cannot be read completely is treated as unreadable.
 
 from __future__ import annotations
 
+import csv
 import glob
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -25,63 +26,7 @@ from airswing.reports.cleaning import FLAGS, clean
 from airswing.reports.columns import ONLY, ColumnMapping, Mapped, parse_mapping
 from airswing.reports.formats import damage_named, first_bytes, formats
 
-Policy = Literal["skip", "fail"]
-
-_UNPACK = "Unpack it first and name the files in it"
 _TABLE = "Save the reports as a CSV or Parquet table, or as one of the formats that are read"
-# Files that are not reports: their first bytes (after a byte order mark and blanks), their kind,
-# and the remedy.
-_NO_REPORTS = (
-    (
-        rb"PK\x03\x04(?s:.*)(\[Content_Types\]\.xml|xl/)",
-        "is an Excel workbook",
-        "Save the sheet as CSV",
-    ),
-    (rb"PK\x03\x04", "is a zip archive", _UNPACK),
-    (rb"(?s:.{257})ustar", "is a tar archive", _UNPACK),
-    (
-        rb"\x80[\x02-\x05](?s:.)",
-        "is a Python pickle, which is not opened because it may run code",
-        _TABLE,
-    ),
-    # Text may contain the word GRIB; in a message length and edition follow it.
-    (
-        rb"(?s:.{,4092}?GRIB(?:\x00|...[\x01\x02]))",
-        "is a GRIB file, not reports",
-        "Name it under references",
-    ),
-    (rb"\xfd7zXZ\x00", "is compressed with xz", _UNPACK),
-    (rb"\x28\xb5\x2f\xfd", "is compressed with zstd", _UNPACK),
-    (rb"7z\xbc\xaf\x27\x1c", "is a 7z archive", _UNPACK),
-    (rb"%PDF", "is a PDF document", "Save its table as CSV"),
-    (rb"SQLite format 3", "is a SQLite database", "Export its table as CSV or Parquet"),
-    (rb"\xd0\xcf\x11\xe0", "is an Excel workbook", "Save the sheet as CSV"),
-    (rb"ARROW1", "is an Arrow (Feather) file", "Save the table as Parquet"),
-    (
-        rb"(?i)<!doctype html|<html",
-        "is a page of HTML, not reports: the download failed or needs a login",
-        "Download it again and look at it in a browser",
-    ),
-    (
-        rb"(?i)version https://git-lfs",
-        "is a Git LFS pointer: the file itself has not been downloaded",
-        "Run git lfs pull in its folder",
-    ),
-    (rb"<", "is an XML file", _TABLE),
-    (
-        rb"(\d+)[^\S\n]*,[^\S\n]*1001[^\S\n]*(,[^\n]*)?(\n|\Z)",
-        "is an ICARTT file (file format index 1001) with a header of {} lines",
-        "Save its table as CSV: the last header line holds the names; map them under "
-        "reports.columns and give the time as date and time",
-    ),
-    # The keys are those by which the JSON formats are recognised.
-    (
-        rb'[\[{](?!(?s:.*)"icao(24)?")',
-        "is JSON of no known layout",
-        "Known are traces of readsb and tables of Mode-S messages of traffic, rs1090 and "
-        "jet1090; save other reports as a CSV or Parquet table",
-    ),
-)
 
 
 def read_file(
@@ -131,7 +76,7 @@ def read_reports(
     *,
     format: str = "auto",
     columns: ColumnMapping | None = None,
-    on_bad_file: Policy = "skip",
+    on_bad_file: Literal["skip", "fail"] = "skip",
     interval: float = 0.0,
 ) -> xr.Dataset:
     """Read aircraft reports into the canonical Dataset.
@@ -182,27 +127,58 @@ def _read_all(
     files: str | Path | Sequence[str | Path],
     format: str,
     columns: ColumnMapping | None,
-    on_bad_file: Policy,
+    on_bad_file: str,
 ) -> tuple[list[pd.DataFrame], Audit]:
     _require_format(format)
     parse_mapping(columns)  # refused before a file is opened
-    parts, audit, errors = [], Audit(), []
-    for path in expand(files):
+    parts = []
+
+    def read(path: Path) -> Audit:
+        part, counts = read_file(path, format=format, columns=columns)
+        parts.append(part)
+        return counts
+
+    return parts, read_each(expand(files), read, on_bad_file)
+
+
+def read_each(paths: list[Path], read: Callable[[Path], Audit], on_bad_file: str) -> Audit:
+    """Read files by a function that returns the counts of one; the sum of their counts.
+
+    Files that cannot be read are listed, or refused (policy "fail"). InputError if none can be read
+    or no report is usable.
+    """
+    audit, errors = Audit(), []
+    for path in paths:
         try:
-            part, counts = read_file(path, format=format, columns=columns)
+            audit.add(read(path))
         except InputError as error:
-            if on_bad_file == "fail":
+            if on_bad_file == "fail" or len(paths) == 1:
                 raise
             errors.append(error)
             audit.files_skipped.append({"file": str(path), "reason": str(error)})
-        else:
-            parts.append(part)
-            audit.add(counts)
-    if not parts:
-        raise none_read(errors)
-    if not audit.kept:
-        raise none_usable(audit)
-    return parts, audit
+    if len(errors) == len(paths):
+        what = f"none of the {len(errors)} report files can be read; the first: {errors[0]}"
+        raise InputError(what, field="reports.files")
+    if audit.kept:
+        return audit
+    reasons = ", ".join(
+        f"{reason} {n}{audit.likely(reason.removesuffix('_out_of_range'))}"
+        for reason, n in audit.dropped.most_common()
+    )
+    unread = ", ".join(f"{name} such as {value}" for name, value in audit.examples.items())
+    raise InputError(
+        "no usable report",
+        field="reports.files",
+        found=f"{audit.read} reports read, dropped for: {reasons}"
+        + (f"; cannot be read: {unread}" if unread else ""),
+        remedy=(
+            "Times from 1973 to now are ISO 8601 UTC, yyyymmddHH[MM[SS]], seconds since 1970 or "
+            "Julian dates; give another format under reports.columns: "
+            'COLUMN: {name: time, format: "%d.%m.%Y %H:%M"}'
+            if any("time" in reason for reason in audit.dropped)
+            else "Numbers have a decimal point and no unit"
+        ),
+    )
 
 
 def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -> dict[str, object]:
@@ -267,34 +243,6 @@ def expand(files: str | Path | Iterable[str | Path], field: str = "reports.files
     return [Path(name) for name in found]
 
 
-def none_usable(audit: Audit) -> InputError:
-    """Return the error that states why no report is usable."""
-    reasons = ", ".join(
-        f"{reason} {n}{audit.likely(reason.removesuffix('_out_of_range'))}"
-        for reason, n in audit.dropped.most_common()
-    )
-    unread = ", ".join(f"{name} such as {value}" for name, value in audit.examples.items())
-    return InputError(
-        "no usable report",
-        field="reports.files",
-        found=f"{audit.read} reports read, dropped for: {reasons}"
-        + (f"; cannot be read: {unread}" if unread else ""),
-        remedy=(
-            "Times from 1973 to now are ISO 8601 UTC, yyyymmddHH[MM[SS]], seconds since 1970 or "
-            "Julian dates; give another format under reports.columns: "
-            'COLUMN: {name: time, format: "%d.%m.%Y %H:%M"}'
-            if any("time" in reason for reason in audit.dropped)
-            else "Numbers have a decimal point and no unit"
-        ),
-    )
-
-
-def none_read(errors: list[InputError]) -> InputError:
-    """Return the error that states why no file can be read, from one error for each file."""
-    what = f"none of the {len(errors)} report files can be read; the first: {errors[0]}"
-    return errors[0] if len(errors) == 1 else InputError(what, field="reports.files")
-
-
 def _require_format(format: str) -> None:
     known = ("auto", *formats())
     if format not in known:
@@ -316,12 +264,14 @@ def _format_of(path: Path) -> str:
 
 
 def _refusal_of(start: bytes, path: Path) -> InputError | None:
-    """Error for a file of a known kind that holds no reports, by its (decompressed) first bytes."""
+    """Error for a file of a kind in ``other_kinds.csv``, by its (decompressed) first bytes."""
+    # A byte order mark and blanks may come first.
     content = start.removeprefix(b"\xef\xbb\xbf").lstrip()
-    for pattern, what, remedy in _NO_REPORTS:
-        if found := re.match(pattern, content):
-            number = int(found[1]) if "{}" in what else ""
-            return InputError(what.format(number), file=path, remedy=remedy)
+    with Path(__file__).with_name("other_kinds.csv").open(encoding="ascii", newline="") as table:
+        for kind in csv.DictReader(table):
+            if found := re.match(kind["first_bytes"].encode("ascii"), content):
+                number = int(found[1]) if "{}" in kind["what"] else ""
+                return InputError(kind["what"].format(number), file=path, remedy=kind["remedy"])
     return None
 
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from airswing.physics.robust_spread import robust_sd
+from airswing.reports.columns import Floats, Index, Integers, Mask, seconds_since_1970
 from airswing.reports.flights import Columns, step_distance
-from airswing.reports.values import Floats, Index, Integers, Mask, seconds_since_1970
 from airswing.units import KNOT
 
 ARC_MINUTE = 1.0 / 60.0

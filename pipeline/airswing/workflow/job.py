@@ -1,21 +1,39 @@
-"""The job, which every stage of the workflow takes, and the names of its products."""
+"""The job, which every stage of the workflow takes, and the computing resources it runs on.
+
+Every stage builds dask graphs and leaves the choice of scheduler to this module (threads or
+processes of this machine, or a dask scheduler at an address), so that the same code runs in all
+three places with the same results. Workers at an address must see the files under the same paths
+and have the same airswing.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import logging
+import os
+from collections.abc import Iterator
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import dask
 import xarray as xr
 
-from airswing.config import Config
-from airswing.config_file import load_config
+from airswing.config import Compute, Config
+from airswing.config_file import load_config, naming_configuration
 from airswing.errors import InputError
 from airswing.products.netcdf import open_product, product_path, write_product
 from airswing.products.ragged import COVERAGE
+from airswing.products.whole_files import code_digest
 from airswing.report.run.reading_warnings import tally
 from airswing.workflow.progress import Progress
 
+if TYPE_CHECKING:
+    from distributed import Client
+
+CONNECT_TIMEOUT = "15s"
+_AGAIN = "then run the same command again: finished months are kept"
 # Folders of one file a month, and files of the whole archive.
 HEADINGS, CORRECTED = "headings", "corrected"
 FITS, PROFILES = "fits.nc", "error_profiles.nc"
@@ -30,6 +48,7 @@ class Job:
     fresh: bool = False  # remake every month
     # results of one stage that a later one of the same run needs
     shared: dict[str, Any] = field(default_factory=dict, repr=False)
+    file: Path | None = None  # of the configuration
 
     @classmethod
     def of(
@@ -43,12 +62,20 @@ class Job:
     ) -> Job:
         """Make a job of a configuration, or of its file; options as of :func:`airswing.run`."""
         folder = None if output is None else Path(output)
+        file = None if isinstance(config, Config) else Path(config)
         if not isinstance(config, Config):
             config = load_config(config, output=folder)
         changes: dict[str, Any] = {} if folder is None else {"output": folder}
         if scheduler is not None:
             changes["compute"] = config.compute.model_copy(update={"scheduler": scheduler})
-        return cls(config.model_copy(update=changes), Progress(quiet=quiet), fresh)
+        config = config.model_copy(update=changes)
+        return cls(config, Progress(quiet=quiet), fresh, file=file)
+
+    @contextlib.contextmanager
+    def running(self) -> Iterator[None]:
+        """Run on the configured resources; errors about a key name the configuration's file."""
+        with naming_configuration(self.file), resources(self.config.compute, self.progress):
+            yield
 
     @property
     def output(self) -> Path:
@@ -109,3 +136,94 @@ def require_kept(headings: xr.Dataset) -> None:
         remedy="Loosen the rule that removed most, or check the reports; "
         f"the folder {HEADINGS} holds the model winds at them",
     )
+
+
+@contextlib.contextmanager
+def resources(compute: Compute, progress: Progress) -> Iterator[None]:
+    """Run every dask computation inside the block on the configured resources."""
+    if compute.scheduler is not None:
+        with _at_address(compute.scheduler, progress):
+            yield
+        return
+    workers = 1 if compute.workers == "auto" else compute.workers
+    cores = os.cpu_count() or 1
+    threads = max(1, cores // workers) if compute.threads == "auto" else compute.threads
+    progress.threads = workers * threads
+    kind = "threads" if workers == 1 else "processes"
+    try:
+        with dask.config.set(scheduler=kind, num_workers=progress.threads):
+            yield
+    except BrokenProcessPool as err:
+        raise InputError(
+            "a worker process ended, most likely out of memory",
+            field="compute.workers",
+            found=compute.workers,
+            remedy=f"Use fewer workers, {_AGAIN}",
+        ) from err
+
+
+@contextlib.contextmanager
+def _at_address(address: str, progress: Progress) -> Iterator[None]:
+    """A dask scheduler at an address; its faults become one message each."""
+    try:
+        from concurrent.futures import CancelledError
+
+        from distributed import Client, KilledWorker
+        from distributed.comm.core import CommClosedError
+    except ImportError as err:
+        raise InputError(
+            "dask's distributed scheduler is not installed",
+            field="scheduler",
+            remedy="pip install airswing[batch]",
+        ) from err
+    # a lost scheduler is reported here, not by the client's tracebacks
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    try:
+        client = Client(address, timeout=CONNECT_TIMEOUT)
+    except (OSError, TimeoutError, ValueError) as err:
+        raise InputError(
+            "cannot reach the dask scheduler",
+            field="scheduler",
+            found=address,
+            remedy="Start it with `dask scheduler`, or omit --scheduler",
+        ) from err
+    try:
+        with client:
+            require_same_code(client)
+            progress.threads = sum(client.nthreads().values()) or 1
+            progress.say(f"dask dashboard: {client.dashboard_link}")
+            if not client.nthreads():
+                progress.say("the dask scheduler has no workers yet: waiting for them")
+            yield
+    except KilledWorker as err:
+        raise InputError(
+            "the same task ended several workers, most likely out of memory",
+            field="compute",
+            found=str(err.task),
+            remedy=f"Give each worker more memory or fewer threads, {_AGAIN}",
+        ) from err
+    except (CommClosedError, CancelledError) as err:
+        raise InputError(
+            "the dask scheduler was lost",
+            field="scheduler",
+            found=address,
+            remedy=f"Start it again, {_AGAIN}",
+        ) from err
+
+
+def require_same_code(client: Client) -> None:
+    """Raise InputError for workers with another version of airswing."""
+    answers = client.run(code_digest, on_error="return")
+    # ignore a worker that was lost meanwhile (OSError)
+    other = sorted(
+        worker
+        for worker, digest in answers.items()
+        if digest != code_digest() and not isinstance(digest, OSError)
+    )
+    if other:
+        raise InputError(
+            "workers have no airswing of this version",
+            field="scheduler",
+            found=", ".join(other[:3]),
+            remedy="Install the same airswing where the workers run",
+        )

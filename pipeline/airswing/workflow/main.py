@@ -18,7 +18,6 @@ import xarray as xr
 
 from airswing.compass.plausibility import heading_kind_warnings, plausibility_warnings
 from airswing.config import Config
-from airswing.config_file import naming_configuration
 from airswing.evaluation import Evaluation
 from airswing.evaluation.monitoring.changes import change_warnings
 from airswing.flags import STATUS
@@ -126,16 +125,14 @@ def run(
     >>> results.fits["status"].dims
     ('reference', 'aircraft')
     """
-    from airswing.workflow import compute
-
     job = Job.of(config, output=output, fresh=fresh, quiet=quiet, scheduler=scheduler)
-    path = None if isinstance(config, Config) else config
-    with naming_configuration(path), compute.scheduler(job.config.compute, job.progress):
+    with job.running():
         return run_job(job)
 
 
 def run_job(job: Job) -> Results:
     """The main job on the scheduler that is in use; see :func:`run`."""
+    from airswing.report.run.page import write_page
     from airswing.report.run.selection import disagreement
 
     with workspace(job.output):
@@ -148,36 +145,21 @@ def run_job(job: Job) -> Results:
         if evaluation.monitoring is not None:
             summary["events"] = len(evaluation.monitoring.events)
             summary["watched"] = evaluation.monitoring.text
-        make_page(job, headings, fits, corrected, summary, evaluation, apart)
+        with job.progress.stage("page") as stage:
+            page = write_page(
+                job.output / "report",
+                headings=headings,
+                fits=fits,
+                corrected=corrected,
+                summary=summary,
+                evaluation=evaluation,
+                apart=apart,
+                units=job.config.units,
+            )
+            stage.note = str(page)
     job.progress.say(job.progress.accounts_text())
     summary["accounts"] = job.progress.accounts()
     return Results(job.output, headings, fits, corrected, evaluation, summary)
-
-
-def make_page(
-    job: Job,
-    headings: xr.Dataset,
-    fits: xr.Dataset,
-    corrected: xr.Dataset,
-    summary: Summary,
-    evaluation: Evaluation,
-    apart: BeforeAfter,
-) -> None:
-    """The page of the results: ``report/index.html``."""
-    from airswing.report.run.page import write_page
-
-    with job.progress.stage("page") as stage:
-        page = write_page(
-            job.output / "report",
-            headings=headings,
-            fits=fits,
-            corrected=corrected,
-            summary=summary,
-            evaluation=evaluation,
-            apart=apart,
-            units=job.config.units,
-        )
-        stage.note = str(page)
 
 
 def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAfter) -> Summary:

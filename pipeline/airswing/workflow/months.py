@@ -36,7 +36,7 @@ from airswing.reference.fleet_wind import fleet_wind
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, tally, unread
 from airswing.reports import Audit, assemble, expand, read_file
 from airswing.reports.audit import similar
-from airswing.reports.read import none_read, none_usable
+from airswing.reports.read import read_each
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
 
 MARGIN = np.timedelta64(2, "D")
@@ -112,36 +112,25 @@ class ReportArchive:
     def __init__(self, job: Job) -> None:
         self._asked = job.config.reports
         self._frames: dict[str, pd.DataFrame] = {}
-        self.audit, self.bytes_read = Audit(), 0
+        self.bytes_read = 0
         self.files: dict[str, dict[str, Any]] = {}  # record of each, also for the next run
         key = fingerprint(self._asked.model_dump(exclude={"files"}), code_digest())
         note = read_note(job.notes / "reports.json")
         noted = note["files"] if note.get("key") == key else {}
-        errors, paths = [], expand(self._asked.files)
-        for path in paths:
+
+        def counts(path: Path) -> Audit:
             status, name = path.stat() if path.exists() else path.lstat(), str(path)
             identity = [status.st_size, status.st_mtime_ns]
-            try:
-                if noted.get(name, {}).get("identity") == identity:
-                    self.files[name] = noted[name]
-                else:
-                    audit = self._read(name).as_dict()
-                    frame = self._frames[name]
-                    tails = frame["tail"].unique().tolist()
-                    self.files[name] = {"identity": identity, "audit": audit, "tails": tails}
-                    self.files[name]["days"] = _days_of(frame)
-                    self.bytes_read += status.st_size
-            except InputError as error:
-                if self._asked.on_bad_file == "fail":
-                    raise
-                errors.append(error)
-                self.audit.files_skipped.append({"file": name, "reason": str(error)})
-        if len(errors) == len(paths):
-            raise none_read(errors)
-        for record in self.files.values():
-            self.audit.add(Audit.from_dict(record["audit"]))
-        if not self.audit.kept:
-            raise none_usable(self.audit)
+            record = noted.get(name, {})
+            if record.get("identity") != identity:
+                audit, frame = self._read(name).as_dict(), self._frames[name]
+                record = {"identity": identity, "audit": audit, "days": _days_of(frame)}
+                record["tails"] = frame["tail"].unique().tolist()
+                self.bytes_read += status.st_size
+            self.files[name] = record
+            return Audit.from_dict(record["audit"])
+
+        self.audit = read_each(expand(self._asked.files), counts, self._asked.on_bad_file)
         if (test := job.config.field_test) is not None:
             self._require_aircraft([*test.corrected, *test.controls])
         write_json(job.notes / "reports.json", {"key": key, "files": self.files})

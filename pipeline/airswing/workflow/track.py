@@ -20,8 +20,7 @@ from airswing.physics.triangle import direction_in_degrees
 from airswing.products.whole_files import atomic
 from airswing.reference.catalogue import Catalogue, build_catalogue
 from airswing.reference.collocate import collocate
-from airswing.reports.columns import conversion, split_name
-from airswing.reports.values import parse_times
+from airswing.reports.columns import conversion, parse_times, split_name
 from airswing.units import KNOT
 
 _SHORT = {"lat": "latitude", "lon": "longitude"}

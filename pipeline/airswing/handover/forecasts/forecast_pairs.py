@@ -25,7 +25,7 @@ from airswing.evaluation.innovations import LEVEL_EDGES_HPA, parts_of, profile_c
 from airswing.handover.forecasts.correcting import TIME
 from airswing.handover.selection import APPLIED
 from airswing.physics.triangle import wrap_degrees
-from airswing.reports.values import parse_times
+from airswing.reports.columns import parse_times
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.datetime64]

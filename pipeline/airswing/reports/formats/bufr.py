@@ -19,9 +19,8 @@ from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, PLATFORM, ROLL
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.reports.audit import Audit
-from airswing.reports.columns import Mapped
+from airswing.reports.columns import LARGEST_ROLL, Mapped, numbers
 from airswing.reports.formats import ReportFormat, content_of, is_text
-from airswing.reports.values import LARGEST_ROLL, numbers
 
 _TIME = ("year", "month", "day", "hour", "minute", "second")
 _TAILS = (

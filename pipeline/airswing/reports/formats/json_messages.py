@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.reports.audit import Audit
-from airswing.reports.columns import LAYOUTS, Mapped, sources
+from airswing.reports.columns import LAYOUTS, Mapped, from_epoch, roll_flags, sources
 from airswing.reports.formats import ReportFormat, content_of, is_text
 from airswing.reports.formats.tabular import merged, to_raw
-from airswing.reports.values import from_epoch, roll_flags
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 _NUMBERS = {

@@ -26,11 +26,10 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import PLATFORM, TEMPERATURE_QC, WIND_QC
-from airswing.products.damaged_netcdf import require_sound
+from airswing.products.netcdf import require_sound
 from airswing.reports.audit import Audit
-from airswing.reports.columns import ONLY, Mapped
+from airswing.reports.columns import ONLY, Mapped, decode_flags, from_epoch, parse_times
 from airswing.reports.formats import LARGEST_FILE, ReportFormat, constant_tail, content_of
-from airswing.reports.values import decode_flags, from_epoch, parse_times
 
 _NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")  # first bytes
 _BEST_PACKING = 1100  # Deflate packs no better than one in 1,032

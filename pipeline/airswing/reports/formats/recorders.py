@@ -23,9 +23,8 @@ from airswing.errors import InputError
 from airswing.physics.atmosphere import altitude_from_pressure
 from airswing.reports.audit import Audit
 from airswing.reports.cleaning import declination
-from airswing.reports.columns import Mapped
+from airswing.reports.columns import Mapped, numbers, parse_times, roll_flags, seconds_since_1970
 from airswing.reports.formats import ReportFormat, constant_tail, is_text, opened
-from airswing.reports.values import numbers, parse_times, roll_flags, seconds_since_1970
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 _INCH_OF_MERCURY = 3386.389  # Pa at 0 degC (NIST SP 811)

@@ -24,16 +24,21 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.physics.triangle import wrap_degrees
 from airswing.reports.audit import Audit
-from airswing.reports.columns import ONLY, TEXT, Mapped, Source, layout_of, sources
-from airswing.reports.formats import ReportFormat, damage_named, is_text, opened
-from airswing.reports.values import (
+from airswing.reports.columns import (
     FLAGS,
+    ONLY,
+    TEXT,
     Column,
+    Mapped,
+    Source,
     decode_flags,
+    layout_of,
     parse_times,
     possible,
     seconds_since_1970,
+    sources,
 )
+from airswing.reports.formats import ReportFormat, damage_named, is_text, opened
 
 ROWS_PER_PIECE = 250_000  # the text of a table is many times larger than its kept columns
 _LONGEST_HEADER = 100_000  # characters; a longer line is no header

@@ -14,7 +14,7 @@ import airswing
 from airswing.config import Compute
 from airswing.config_file import load_config
 from airswing.errors import InputError
-from airswing.workflow import compute
+from airswing.workflow import job
 from airswing.workflow.progress import Progress
 
 distributed = pytest.importorskip("distributed")
@@ -55,7 +55,7 @@ def assert_same_bytes(one, other):
 def test_threads_processes_and_a_cluster_give_the_same_bytes(
     address, tmp_path, root, reports, places, blank_cards, monkeypatch
 ):
-    monkeypatch.setattr("airswing.workflow.main.make_page", lambda *_: None)
+    monkeypatch.setattr("airswing.report.run.page.write_page", lambda *_, **__: "")
     threads = results(root, tmp_path / "threads", Compute(threads=2), reports)
     assert threads.summary["accounts"]["threads"] == 2
     for name in places:
@@ -66,16 +66,16 @@ def test_threads_processes_and_a_cluster_give_the_same_bytes(
 def test_a_lazy_product_is_written_with_processes(tmp_path):
     sizes = {"row_size": ("aircraft", np.array([4], dtype=np.int32))}
     ds = xr.Dataset({"turn": ("report", np.arange(4.0))} | sizes).chunk(report=2)
-    with compute.scheduler(Compute(workers=2, threads=1), Progress(quiet=True)):
+    with job.resources(Compute(workers=2, threads=1), Progress(quiet=True)):
         path = airswing.write_product(ds.assign(turn=ds["turn"] + 1.0), tmp_path / "p.nc", title="")
     assert airswing.read_product(path)["turn"].values.tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
-    monkeypatch.setattr(compute, "CONNECT_TIMEOUT", "1s")
+    monkeypatch.setattr(job, "CONNECT_TIMEOUT", "1s")
     with (
         pytest.raises(InputError, match=r"cannot reach.*tcp://127\.0\.0\.1:9.*dask scheduler"),
-        compute.scheduler(Compute(scheduler="tcp://127.0.0.1:9"), Progress(quiet=True)),
+        job.resources(Compute(scheduler="tcp://127.0.0.1:9"), Progress(quiet=True)),
     ):
         pass
 
@@ -86,7 +86,7 @@ def test_a_worker_process_that_ends_is_one_message():
 
     with (
         pytest.raises(InputError, match=r"out of memory.*fewer workers.*same command again"),
-        compute.scheduler(Compute(workers=2, threads=1), Progress(quiet=True)),
+        job.resources(Compute(workers=2, threads=1), Progress(quiet=True)),
     ):
         dask.delayed(die)().compute()
 
@@ -104,19 +104,19 @@ def test_what_is_lost_at_an_address_is_one_message(address, kind):
     }
     with (
         pytest.raises(InputError, match=r"same command again"),
-        compute.scheduler(Compute(scheduler=address), Progress(quiet=True)),
+        job.resources(Compute(scheduler=address), Progress(quiet=True)),
     ):
         raise lost[kind]
 
 
 def test_the_dashboard_and_missing_workers_are_said(address, capsys):
-    with compute.scheduler(Compute(scheduler=address), Progress()):
+    with job.resources(Compute(scheduler=address), Progress()):
         pass
     assert "dask dashboard: http" in capsys.readouterr().err
     options = {"n_workers": 0, "processes": False, "protocol": "tcp://"}
     with (
         distributed.LocalCluster(**options, dashboard_address=None) as cluster,
-        compute.scheduler(Compute(scheduler=cluster.scheduler_address), Progress()),
+        job.resources(Compute(scheduler=cluster.scheduler_address), Progress()),
     ):
         pass
     assert "no workers yet" in capsys.readouterr().err
@@ -138,4 +138,4 @@ def test_workers_with_another_airswing_are_refused(answer, refused):
 
     says = pytest.raises(InputError, match="tcp://b") if refused else contextlib.nullcontext()
     with says:
-        compute.require_same_code(Asked())
+        job.require_same_code(Asked())
