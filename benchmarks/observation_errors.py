@@ -27,9 +27,10 @@ REFERENCES = ("ruc", "rtfdaa")
 POOLS = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"], "ruc+rtfdaa": list(REFERENCES)}
 
 
-def archive(seed, *, days, aircraft):
-    """Screened headings and corrected winds of one archive, and the true wind (2, report)."""
-    effects = fleet_deviations([f"N{401 + index}" for index in range(aircraft)], seed)
+def archive(seed, *, days, aircraft, effects=None):
+    """Screened headings, corrected winds and the simulated table (row a report) of one archive."""
+    if effects is None:
+        effects = fleet_deviations([f"N{401 + index}" for index in range(aircraft)], seed)
     options = {"days": days, "aircraft": aircraft, "seed": seed}
     frame = simulate_arrays(**options, effects=effects)
     with tempfile.TemporaryDirectory() as folder:
@@ -53,11 +54,12 @@ def archive(seed, *, days, aircraft):
     headings = airswing.screen(airswing.derive_headings(reports, models))
     pools = {"ruc+rtfdaa": list(REFERENCES)}
     fits = airswing.add_tables(airswing.fit_deviation(headings, pools=pools), headings)
-    return headings, airswing.correct(headings, fits), frame[["true_u", "true_v"]].to_numpy().T
+    return headings, airswing.correct(headings, fits), frame
 
 
-def truth(headings, corrected, wind, state):
+def truth(headings, corrected, frame, state):
     """True error of a component of the reports that count: fleet, and by phase and layer."""
+    wind = frame[["true_u", "true_v"]].to_numpy().T
     prefix = "corrected_" if state == "corrected" else ""
     names = [f"{prefix}{way}_wind" for way in ("eastward", "northward")]
     square = 0.5 * ((np.stack([corrected[name] for name in names]) - wind) ** 2).sum(axis=0)
@@ -75,12 +77,12 @@ def truth(headings, corrected, wind, state):
 
 def scored(seed, *, days, aircraft):
     """Truth, estimate and interval of the fleet and of every cell of one archive, by state."""
-    headings, corrected, wind = archive(seed, days=days, aircraft=aircraft)
+    headings, corrected, frame = archive(seed, days=days, aircraft=aircraft)
     found = observation_errors(headings, corrected, pools=POOLS, reference="ruc+rtfdaa")
     rows = []
     for state in STATES:
         one = found.sel(state=state)
-        fleet, cells = truth(headings, corrected, wind, state)
+        fleet, cells = truth(headings, corrected, frame, state)
         bounds = one["fleet_observation_error_interval"].to_numpy()
         rows.append((state, "fleet", fleet, one["fleet_observation_error"].item(), *bounds))
         table = one["observation_error"].to_numpy()[1:]

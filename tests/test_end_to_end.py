@@ -50,32 +50,21 @@ QUICK = (
     "fiji_mercator_across_180",
 )
 """One grid of each projection; the others are slow tests."""
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow)
-        for name in perfect.PLACES
-    ],
-)
-def test_deviations_come_back_on_every_grid(tmp_path, name):
-    place = perfect.PLACES[name]
-    perfect.write_model(place, tmp_path / "model")
-    assert_found(fitted(tmp_path, perfect.fly(place, flights=18)), 0.01)
+LAYOUTS = [
+    ("ruc_grib1", {"layout": "blocks"}),
+    ("fiji_0_360", {"layout": "apart"}),
+    ("canada_polar", {"layout": "multi"}),
+    ("europe_rotated", {"levels": perfect.LEVELS[::-1], "pascals": True}),
+    ("ruc_grib1", {"levels": (400, 600, 300, 500), "lead": 6}),
+]
+SLOW = [pytest.param(name, {}, marks=pytest.mark.slow) for name in perfect.PLACES]
 
 
 @pytest.mark.parametrize(
     ("name", "options"),
-    [
-        ("ruc_grib1", {"layout": "blocks"}),
-        ("fiji_0_360", {"layout": "apart"}),
-        ("canada_polar", {"layout": "multi"}),
-        ("europe_rotated", {"levels": perfect.LEVELS[::-1], "pascals": True}),
-        ("ruc_grib1", {"levels": (400, 600, 300, 500), "lead": 6}),
-    ],
+    [*((name, {}) for name in QUICK), *LAYOUTS, *(p for p in SLOW if p.values[0] not in QUICK)],
 )
-def test_deviations_come_back_however_the_files_are_laid_out(tmp_path, name, options):
+def test_deviations_come_back_on_every_grid_and_layout(tmp_path, name, options):
     place = perfect.PLACES[name]
     perfect.write_model(place, tmp_path / "model", **options)
     assert_found(fitted(tmp_path, perfect.fly(place, flights=18)), 0.01)
@@ -107,6 +96,18 @@ def whole_units(table):
     return table.assign(**{name: table[name].round() for name in names})
 
 
+def metres(table):
+    values = {"z": table["pressure_altitude_ft"] * 0.3048}
+    values["ff"] = table["wind_speed_kt"] * perfect.KNOT
+    return table.drop(columns=["pressure_altitude_ft", "wind_speed_kt"]).assign(**values)
+
+
+METRES = {
+    "z": {"name": "pressure_altitude_ft", "unit": "m"},
+    "ff": {"name": "wind_speed_kt", "unit": "m/s"},
+}
+
+
 @pytest.mark.parametrize(
     ("change", "tolerance"),
     [
@@ -114,28 +115,17 @@ def whole_units(table):
         (lambda table: table.assign(longitude=table["longitude"] % 360), 0.01),
         (pressures, 0.01),
         (whole_units, 0.06),
+        (metres, 0.01),
         (lambda table: table.drop(columns=["phase", "flight"]), 0.01),
         (lambda table: pd.concat([table, table.iloc[::3]]).sample(frac=1, random_state=1), 0.01),
     ],
-    ids=["0.1 arcmin", "0..360", "pressure", "whole degrees and knots", "bare", "shuffled twice"],
+    ids=["0.1 arcmin", "0..360", "pressure", "whole units", "metres", "bare", "shuffled twice"],
 )
 def test_deviations_come_back_from_the_reports_as_they_come(flown, tmp_path, change, tolerance):
     folder, table = flown
     (tmp_path / "model").symlink_to(folder / "model")
-    assert_found(fitted(tmp_path, change(table)), tolerance)
-
-
-def test_units_and_names_of_the_user_are_mapped(flown, tmp_path):
-    folder, table = flown
-    (tmp_path / "model").symlink_to(folder / "model")
-    theirs = table.assign(
-        z=table["pressure_altitude_ft"] * 0.3048, ff=table["wind_speed_kt"] * perfect.KNOT
-    ).drop(columns=["pressure_altitude_ft", "wind_speed_kt"])
-    columns = {
-        "z": {"name": "pressure_altitude_ft", "unit": "m"},
-        "ff": {"name": "wind_speed_kt", "unit": "m/s"},
-    }
-    assert_found(fitted(tmp_path, theirs, columns=columns), 0.01)
+    columns = METRES if change is metres else {}
+    assert_found(fitted(tmp_path, change(table), columns=columns), tolerance)
 
 
 def test_times_cut_to_the_minute_shrink_no_coefficient_by_a_twentieth(tmp_path):

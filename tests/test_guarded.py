@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
@@ -20,24 +21,19 @@ def test_a_result_and_an_exception_come_back_from_the_same_worker():
         guarded(divmod, 7, 0)
 
 
-def test_a_worker_that_ends_is_an_error_and_is_replaced():
-    for _ in range(2):
-        with pytest.raises(WorkerEndedError):
-            guarded(os.abort)
-        assert guarded(abs, -1) == 1
-    # one that someone else ended, without an error
-    os.kill(guarded(os.getpid), signal.SIGKILL)
-    assert guarded(abs, -2) == 2
-
-
-def test_a_call_that_does_not_return_ends():
-    with pytest.raises(WorkerEndedError):
-        guarded(_forever)
-
-
 def _forever():
     module.signal.alarm(1)
     time.sleep(60)
+
+
+@pytest.mark.parametrize("call", [os.abort, _forever])
+def test_a_worker_that_ends_or_does_not_return_is_an_error_and_is_replaced(call):
+    with pytest.raises(WorkerEndedError):
+        guarded(call)
+    assert guarded(abs, -1) == 1
+    # one that someone else ended, without an error
+    os.kill(guarded(os.getpid), signal.SIGKILL)
+    assert guarded(abs, -2) == 2
 
 
 def test_one_threads_fault_does_not_disturb_another():
@@ -51,35 +47,22 @@ def test_one_threads_fault_does_not_disturb_another():
         assert list(threads.map(work, range(8))) == list(range(8))
 
 
-def test_a_script_without_a_main_guard_runs_once(tmp_path):
+def test_a_script_without_a_main_guard_runs_once_and_workers_end_with_a_killed_process(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        "from airswing.guarded import guarded\nprint('once', guarded(abs, -3), flush=True)\n"
-    )
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60)
-    assert done.stdout.split("\n")[:-1] == ["once 3"], done.stderr
-
-
-def test_workers_end_with_a_process_that_is_killed(tmp_path):
-    code = (
         "import os, time; from airswing.guarded import guarded\n"
         "print(guarded(os.getpid), flush=True); time.sleep(60)"
     )
-    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    assert parent.stdout is not None
+    parent = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
     worker = int(parent.stdout.readline())
     parent.kill()
-    parent.wait()
+    assert parent.communicate()[0] == ""
     for _ in range(50):
-        if not _is_running(worker):
+        try:
+            state = Path(f"/proc/{worker}/stat").read_text().split(")")[-1].split()[0]
+        except FileNotFoundError:
+            return
+        if state == "Z":
             return
         time.sleep(0.1)
     raise AssertionError("the worker outlived its parent")
-
-
-def _is_running(process):
-    try:
-        with open(f"/proc/{process}/stat") as file:
-            return file.read().split(")")[-1].split()[0] != "Z"
-    except FileNotFoundError:
-        return False

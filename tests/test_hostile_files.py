@@ -5,7 +5,6 @@ import json
 import os
 import time
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,20 +19,11 @@ from airswing.reference.grib.headers import scan_file
 from airswing.reports import read_reports
 from airswing.workflow.inspection import inspect_file
 
-HOSTILE = Path(__file__).resolve().parents[2] / "shared" / "hostile"
-
 
 @pytest.fixture(scope="session")
-def hostile():
+def hostile(real):
     """Path of a file below ``../shared/hostile``; skips by name where absent."""
-
-    def find(name):
-        path = HOSTILE / name
-        if not path.exists():
-            pytest.skip(f"hostile data absent: ../shared/hostile/{name}")
-        return path
-
-    return find
+    return lambda name: real(f"../hostile/{name}")
 
 
 def winds(catalogue, reports, *, sparse=True):

@@ -10,32 +10,27 @@ import sys
 import pytest
 
 WORK = """
-import pyproj.crs
+import sys, eccodes, pyproj
 assert pyproj.CRS("EPSG:4326").to_authority() == ("EPSG", "4326")
-a = pyproj.Geod(ellps="WGS84").inv(0.0, 50.0, 1.0, 50.0)[2]
-assert 71000 < a < 72000
+assert 71000 < pyproj.Geod(ellps="WGS84").inv(0.0, 50.0, 1.0, 50.0)[2] < 72000
 h = eccodes.codes_grib_new_from_samples("GRIB2")
 assert eccodes.codes_get_values(h).size
 eccodes.codes_release(h)
 """
-ORDERS = {
-    "pyproj, eccodes": "import pyproj\nimport eccodes\n",
-    "eccodes, pyproj": "import eccodes\nimport pyproj\n",
-    "airswing, eccodes": "import airswing\nimport eccodes\nimport pyproj\n",
-    "airswing's writer": "import airswing.products.netcdf\nimport eccodes\n",
-    "cfgrib, airswing": "import cfgrib\nimport eccodes\nimport airswing\nimport pyproj\n",
-}
 
 
-@pytest.mark.parametrize("order", ORDERS)
-def test_both_orders_work_and_end_well(order):
+@pytest.mark.parametrize(
+    "first",
+    [
+        "import pyproj",
+        "import eccodes",
+        "import sys, airswing; assert 'pyproj' in sys.modules and 'eccodes' not in sys.modules",
+        "import airswing.products.netcdf",
+        "import cfgrib",
+    ],
+)
+def test_any_order_works_and_ends_well(first):
     done = subprocess.run(
-        [sys.executable, "-c", ORDERS[order] + WORK], capture_output=True, text=True, timeout=120
+        [sys.executable, "-c", first + WORK], capture_output=True, text=True, timeout=120
     )
     assert done.returncode == 0, (done.returncode, done.stderr[-2000:])
-
-
-def test_airswing_brings_pyproj_before_eccodes():
-    code = "import sys, airswing; print('pyproj' in sys.modules, 'eccodes' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.stdout.split() == ["True", "False"]

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import xarray as xr
+
+from tests.ragged import ragged
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,8 @@ class Setting:
     ground_error: float = 0.25
     scale_spread: float = 0.005
     outliers: float = 0.0
+    wind_factor: float = 1.0
+    """Reported winds over those of the unit."""
     hub_and_spoke: bool = False
     legs: int = 3
 
@@ -44,7 +47,10 @@ def wrap(angle):
 
 
 def fly(deviation, setting, seed):
-    """HEADINGS Dataset of a fleet with known deviations (aircraft, 5) in degrees, and the truth."""
+    """HEADINGS Dataset of a fleet with known deviations in degrees, and the truth.
+
+    Deviations are (aircraft, 5), or (aircraft, day, 5) where compasses change.
+    """
     rng = np.random.default_rng(seed)
     s = setting
     flights = s.aircraft, s.days, s.flights_a_day
@@ -59,10 +65,11 @@ def fly(deviation, setting, seed):
     turns = np.cumsum(rng.normal(0, 25, (*flights, s.legs)), axis=-1)
     true = first[..., np.newaxis] + turns[..., leg] + rng.normal(0, 2, n)
     declination = rng.normal(-3, 3, flights)[..., np.newaxis] * np.ones(n)
-    magnetic = (true - declination).reshape(s.aircraft, -1)
-    shown = magnetic.copy()
+    magnetic = (true - declination).reshape(s.aircraft, s.days, -1)
+    shown, deviation = magnetic, np.asarray(deviation)
+    by_day = deviation if deviation.ndim == 3 else deviation[:, np.newaxis]
     for _ in range(60):
-        shown = magnetic + curve(np.atleast_2d(deviation), shown)
+        shown = magnetic + curve(by_day, shown)
     wind = (
         np.array([12.0, 3.0])
         + rng.normal(0, 8, (1, s.days, 1, 1, 2))
@@ -74,7 +81,7 @@ def fly(deviation, setting, seed):
     felt = (tas * (1 + scale[:, None, None, None]))[..., np.newaxis]
     reported = ground - felt * _unit(shown.reshape(n) + declination)
     wrong = rng.random(n) < s.outliers
-    reported = np.where(wrong[..., np.newaxis], -reported, reported)
+    reported = s.wind_factor * np.where(wrong[..., np.newaxis], -reported, reported)
     model = np.empty((s.references, *n, 2))
     for k in range(s.references):
         model[k] = (
@@ -92,10 +99,10 @@ def fly(deviation, setting, seed):
     minute = np.linspace(1, 22, s.flights_a_day)[:, None] * 60 + np.arange(s.reports_a_flight) * 3
     time = np.datetime64("2008-07-01", "ns") + (day + minute.astype("timedelta64[m]"))
     start = np.array([-87.0, 43.0]) + rng.uniform(-3, 3, (*flights, 1, 2))
-    flown = np.cumsum(ground * 180.0, axis=-2) / 111_200.0
-    place = (start + flown * np.array([1 / np.cos(np.radians(43.0)), 1.0])).reshape(reports, 2)
+    path = np.cumsum(ground * 180.0, axis=-2) / 111_200.0
+    place = (start + path * np.array([1 / np.cos(np.radians(43.0)), 1.0])).reshape(reports, 2)
     declination = declination.reshape(reports)
-    by_report = {
+    columns = {
         "time": np.broadcast_to(time, n).reshape(reports),
         "longitude": place[:, 0],
         "latitude": place[:, 1],
@@ -108,24 +115,17 @@ def fly(deviation, setting, seed):
         "airspeed": airspeed,
         "declination": declination,
         "screening": np.zeros(reports, np.int32),
-    }
-    known = np.degrees(s.ground_error / airspeed)
-    by_reference = {
         "reference_eastward_wind": model[..., 0],
         "reference_northward_wind": model[..., 1],
         "heading_error": wrap(heading - _degrees(implied)),
-        "heading_error_standard_error": np.broadcast_to(known, (s.references, reports)),
+        "heading_error_standard_error": np.broadcast_to(
+            np.degrees(s.ground_error / airspeed), (s.references, reports)
+        ),
         "airspeed_error": airspeed - np.hypot(implied[..., 0], implied[..., 1]),
     }
-    ds = xr.Dataset(
-        {name: ("report", values) for name, values in by_report.items()}
-        | {name: (("reference", "report"), values) for name, values in by_reference.items()}
-        | {"row_size": ("aircraft", np.full(s.aircraft, reports // s.aircraft))},
-        coords={
-            "aircraft": ("aircraft", np.array([f"N{k:03d}" for k in range(s.aircraft)], object)),
-            "reference": ("reference", np.array(["ruc", "rtfdaa", "nam"][: s.references], object)),
-        },
-    )
+    sizes = np.full(s.aircraft, reports // s.aircraft)
+    aircraft = [f"N{k:03d}" for k in range(s.aircraft)]
+    ds = ragged(columns, sizes, aircraft, ["ruc", "rtfdaa", "nam"][: s.references])
     wind = np.broadcast_to(wind, (*n, 2)).reshape(reports, 2)
     return ds, {"bias": bias, "scale": scale, "true_wind": wind}
 

@@ -24,6 +24,7 @@ from airswing.physics.triangle import (
     wrap_signed,
 )
 from airswing.vocabulary import VARIABLES
+from tests.ragged import ragged
 
 GEOD = Geod(ellps="WGS84")
 WIND = (18.0, -7.0)
@@ -63,7 +64,7 @@ def flown(*, flights=16, fixes=9, aircraft=2, airspeed_scale=1.0, position=0.0, 
         return values if step == 0.0 else how(values / step) * step
 
     seen = coded(since, tick, np.floor)
-    by_report = {
+    columns = {
         "time": epoch + np.round(seen * 1e9).astype("timedelta64[ns]"),
         "latitude": coded(lat, position),
         "longitude": coded(lon, position),
@@ -74,11 +75,6 @@ def flown(*, flights=16, fixes=9, aircraft=2, airspeed_scale=1.0, position=0.0, 
         "phase": np.full(lat.size, 2, dtype=np.int8),
         "flight": np.repeat(np.arange(total, dtype=np.int32), fixes),
     }
-    by_aircraft = {
-        "row_size": np.full(aircraft, flights * fixes, dtype=np.int32),
-        "position_resolution": np.full(aircraft, position),
-        "time_resolution": np.full(aircraft, tick),
-    }
     truth = {
         "heading": heading,
         "error": true_error,
@@ -87,11 +83,11 @@ def flown(*, flights=16, fixes=9, aircraft=2, airspeed_scale=1.0, position=0.0, 
         "track": np.degrees(track),
         "airspeed": airspeed,
     }
-    return xr.Dataset(
-        {name: ("report", values) for name, values in by_report.items()}
-        | {name: ("aircraft", values) for name, values in by_aircraft.items()},
-        coords={"aircraft": [f"N{number:03d}" for number in range(aircraft)]},
-        attrs={"reading_audit": "{}", "truth": truth},
+    sizes = np.full(aircraft, flights * fixes, dtype=np.int32)
+    names = [f"N{number:03d}" for number in range(aircraft)]
+    return ragged(columns, sizes, names, reading_audit="{}", truth=truth).assign(
+        position_resolution=("aircraft", np.full(aircraft, position)),
+        time_resolution=("aircraft", np.full(aircraft, tick)),
     )
 
 
@@ -99,15 +95,9 @@ def model(reports, *, noise=0.0, names=("ruc",)):
     """The true wind plus noise, as collocated winds."""
     rng = np.random.default_rng(9)
     shape = (len(names), reports.sizes["report"])
-    axes = ("reference", "report")
-    return xr.Dataset(
-        {
-            "reference_eastward_wind": (axes, WIND[0] + noise * rng.normal(size=shape)),
-            "reference_northward_wind": (axes, WIND[1] + noise * rng.normal(size=shape)),
-            "lead_time": (axes, np.full(shape, 1.0)),
-        },
-        coords={"reference": list(names)},
-    )
+    east, north = (one + noise * rng.normal(size=shape) for one in WIND)
+    winds = {"reference_eastward_wind": east, "reference_northward_wind": north}
+    return ragged(winds | {"lead_time": np.ones(shape)}, reference=names)
 
 
 def with_reported(reports, heading, airspeed):
@@ -199,15 +189,15 @@ def test_reported_heading_and_airspeed_are_used_where_they_agree():
 def test_a_column_of_another_quantity_is_not_used(column, reason):
     reports = flown(position=TENTH_MINUTE, tick=1.0)
     truth = reports.attrs["truth"]
-    heading, airspeed = truth["unit_heading"].copy(), truth["unit_airspeed"].copy()
+    heading, airspeed = truth["unit_heading"], truth["unit_airspeed"]
     second = np.arange(heading.size) >= heading.size // 2
-    if column == "track":
-        heading[second] = truth["track"][second]
-    elif column == "magnetic":
-        heading[second] -= 1.0  # a declination of one degree
-    else:
-        airspeed[second] *= 0.65
-    found = derive_headings(with_reported(reports, heading, airspeed), model(reports))
+    other = {
+        "track": (truth["track"], airspeed),
+        "magnetic": (heading - 1.0, airspeed),  # a declination of one degree
+        "cas": (heading, 0.65 * airspeed),
+    }[column]
+    columns = (np.where(second, *two) for two in zip(other, (heading, airspeed), strict=True))
+    found = derive_headings(with_reported(reports, *columns), model(reports))
     assert uses(found) == ["used", reason]
     assert from_reported(found) == (~second).sum()
     np.testing.assert_allclose(found.heading_error[0].values, truth["error"], atol=0.6)
@@ -243,28 +233,26 @@ def test_a_research_aircraft_from_its_fixes_and_wind_alone(real):
     """Derived heading and airspeed against those its instruments recorded."""
     with xr.open_dataset(real("heading/ncar_gv_20131001.nc"), engine="netcdf4") as ds:
         gv = ds.load().isel(Time=slice(0, None, 20))
-    size = gv.sizes["Time"]
-    wind = wind_components(gv.WSC.values.astype(float), np.radians(gv.WDC.values.astype(float)))
-    reports = xr.Dataset(
-        {
-            "row_size": ("aircraft", [size]),
-            "time": ("report", gv.Time.values.astype("datetime64[ns]")),
-            "latitude": ("report", gv.LATC.values.astype(float)),
-            "longitude": ("report", gv.LONC.values.astype(float)),
-            "pressure_altitude": ("report", gv.GGALT.values.astype(float)),
-            "eastward_wind": ("report", wind[0]),
-            "northward_wind": ("report", wind[1]),
-            "flight": ("report", np.zeros(size, dtype=np.int32)),
-        },
-        coords={"aircraft": ["N677F"]},
+    names = ("WSC", "WDC", "LATC", "LONC", "GGALT", "THDG", "TASX")
+    speed, direction, lat, lon, height, heading, airspeed = (
+        gv[name].values.astype(float) for name in names
     )
-    found = derive_headings(reports, model(reports), widen=False)
-    inner = slice(1, -1)
-    miss = off(found.heading, gv.THDG.values.astype(float))[inner]
-    assert np.median(np.abs(miss)) < 0.5, "degrees"
-    assert np.median(np.abs(found.airspeed.values - gv.TASX.values)[inner]) < 1.0
+    wind = wind_components(speed, np.radians(direction))
+    columns = {
+        "time": gv.Time.values.astype("datetime64[ns]"),
+        "latitude": lat,
+        "longitude": lon,
+        "pressure_altitude": height,
+        "eastward_wind": wind[0],
+        "northward_wind": wind[1],
+        "flight": np.zeros(lat.size, dtype=np.int32),
+    }
+    reports = ragged(columns, [lat.size], ["N677F"])
+    found = derive_headings(reports, model(reports), widen=False).isel(report=slice(1, -1))
+    assert np.median(np.abs(off(found.heading, heading[1:-1]))) < 0.5, "degrees"
+    assert np.median(np.abs(found.airspeed.values - airspeed[1:-1])) < 1.0
     # the drift is more than ten degrees: neither the track nor the wrong sign would do
-    assert np.median(np.abs(off(found.track, gv.THDG.values.astype(float)))[inner]) > 8.0
+    assert np.median(np.abs(off(found.track, heading[1:-1]))) > 8.0
 
 
 POOLS = {"both": ["ruc", "rtfdaa"]}
@@ -286,13 +274,9 @@ def stages(reports, winds):
 
 @pytest.fixture(scope="module")
 def two_references():
-    reports = flown(flights=24, aircraft=3)
-    reports = reports.assign_attrs(truth="").drop_attrs()
     # aircraft of different sizes: the last keeps a third of its reports
-    kept = np.arange(reports.sizes["report"]) < reports.sizes["report"] - 144
-    sizes = reports["row_size"].to_numpy().copy()
-    sizes[-1] -= 144
-    reports = reports.isel(report=kept).assign(row_size=("aircraft", sizes))
+    reports = flown(flights=24, aircraft=3).drop_attrs().isel(report=slice(-144))
+    reports["row_size"] = ("aircraft", [216, 216, 72])
     winds = model(reports, noise=1.5, names=("ruc", "rtfdaa"))
     return reports, winds, stages(reports, winds)
 

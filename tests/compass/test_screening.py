@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from airswing.compass.screening import audit, mark_corrected_units, screen
 from airswing.errors import ConfigError
 from airswing.flags import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC
+from tests.ragged import ragged
 
 GOOD = {
     "phase": PHASE["cruise"],
@@ -37,19 +37,12 @@ WORST = {  # what breaks each rule and nothing else
 def made(*changes, row_size=None):
     """HEADINGS with one good report for each dict of changes."""
     reports = [{**GOOD, **change} for change in changes]
-    columns = {name: ("report", np.array([r[name] for r in reports])) for name in GOOD}
-    for name in ("reference_eastward_wind", "reference_northward_wind"):
-        default = (12.0, 11.0) if "east" in name else (-3.0, -5.0)
-        pairs = [change.get(name, default) for change in changes]
-        columns[name] = (("reference", "report"), np.array(pairs, dtype=float).T)
-    sizes = row_size or (len(reports),)
-    columns["row_size"] = ("aircraft", np.array(sizes))
-    columns["heading_error"] = (
-        ("reference", "report"),
-        columns["reference_eastward_wind"][1] * 0.1,
-    )
-    names = [f"N{i}" for i in range(len(sizes))]
-    return xr.Dataset(columns, coords={"reference": ["ruc", "rtfdaa"], "aircraft": names})
+    columns = {name: np.array([r[name] for r in reports]) for name in GOOD}
+    for name, default in (("east", (12.0, 11.0)), ("north", (-3.0, -5.0))):
+        pairs = [change.get(f"reference_{name}ward_wind", default) for change in changes]
+        columns[f"reference_{name}ward_wind"] = np.array(pairs, dtype=float).T
+    columns["heading_error"] = columns["reference_eastward_wind"] * 0.1
+    return ragged(columns, row_size or [len(reports)], reference=["ruc", "rtfdaa"])
 
 
 def bits(ds, **options):
@@ -134,11 +127,9 @@ def test_the_audit():
         row_size=(4, 2),
     )
     found = audit(screen(ds))
-    assert found.together.sel(rule="turn").values.tolist() == [2, 0]
-    assert found.alone.sel(rule="turn").values.tolist() == [1, 0]
-    assert found.together.sel(rule="roll").values.tolist() == [1, 1]
-    assert found.alone.sel(rule="roll").values.tolist() == [0, 0]
-    assert found.alone.sel(rule="phase").values.tolist() == [0, 1]
+    rules = found.sel(rule=["turn", "roll", "phase"]).transpose("rule", ...)
+    assert rules.together.values.tolist() == [[2, 0], [1, 1], [0, 2]]
+    assert rules.alone.values.tolist() == [[1, 0], [0, 0], [0, 1]]
     assert found.reports.values.tolist() == [4, 2]
     assert found.kept.values.tolist() == [2, 0]
     assert int(found.kept_total) == 2 and int(found.reports_total) == 6
@@ -149,17 +140,9 @@ def test_the_audit():
 
 def test_reports_of_corrected_units_are_marked_from_the_test_on_and_not_fitted_or_corrected():
     time = np.array(["2009-10-19", "2009-10-20", "2009-10-21"] * 2, "M8[ns]")
-    ds = xr.Dataset(
-        {
-            "row_size": ("aircraft", [3, 3]),
-            "time": ("report", time),
-            "screening": ("report", np.array([0, 1, 0, 0, 0, 0], np.int32)),
-        },
-        coords={"aircraft": ["N1", "N2"]},
-    )
+    ds = ragged({"time": time, "screening": np.array([0, 1, 0, 0, 0, 0], np.int32)}, [3, 3])
     start, end = np.datetime64("2009-10-20"), np.datetime64("2009-10-21")
     bit = 1024
-    marked = mark_corrected_units(ds, aircraft=["N1"], start=start)
-    assert marked["screening"].to_numpy().tolist() == [0, 1 | bit, bit, 0, 0, 0]
-    marked = mark_corrected_units(ds, aircraft=["N1"], start=start, end=end)
-    assert marked["screening"].to_numpy().tolist() == [0, 1 | bit, 0, 0, 0, 0]
+    for until, expected in ((None, [0, 1 | bit, bit, 0, 0, 0]), (end, [0, 1 | bit, 0, 0, 0, 0])):
+        marked = mark_corrected_units(ds, aircraft=["N0"], start=start, end=until)
+        assert marked["screening"].to_numpy().tolist() == expected

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
+from tests.ragged import ragged
 
-PLACE = ("latitude", "longitude", "pressure", "phase", "lead_time")
 ORIGIN = np.datetime64("2008-07-01")
 LASTING_ERRORS = Setting(
     aircraft=8,
@@ -27,7 +27,7 @@ def day_number(ds):
 
 
 def flown(deviation, setting, seed):
-    """Headings of a fleet with known deviations (aircraft, 5), degrees, with places."""
+    """Headings of a fleet with known deviations, degrees, with places."""
     return placed(fly(deviation, setting, seed)[0], seed)
 
 
@@ -37,19 +37,12 @@ def fleet(seed, setting, **options):
     return flown(deviation, setting, seed), deviation
 
 
-def with_change(seed, setting, *, day, change):
-    """The same flights in the same weather, the deviations moved by ``change`` from a day on."""
-    first, deviation = fleet(seed, setting, amplitude=4.0)
-    second = flown(deviation + change, setting, seed)
-    late = day_number(first) >= day
-    kept = {"row_size", "time", "flight", "screening", *PLACE}
-    return first.assign(
-        {
-            name: (first[name].dims, np.where(late, second[name], first[name]))
-            for name in first.data_vars
-            if name not in kept
-        }
-    )
+def with_change(seed, setting, *, day, change, until=None):
+    """Headings of a fleet whose deviations change by ``change`` (aircraft, 5) on a day."""
+    rng, days = np.random.default_rng([seed, 7]), np.arange(setting.days)[:, np.newaxis]
+    changed = (days >= day) & (days < (until or setting.days))
+    deviation = fleet_deviations(setting.aircraft, rng, amplitude=4.0)[:, np.newaxis]
+    return flown(deviation + changed * change[:, np.newaxis], setting, seed)
 
 
 def persistent_error(seed, days, *, size, persistence, columns=2):
@@ -69,17 +62,16 @@ def moved(ds, reference, du, dv):
     east, north = speed * np.sin(psi - error), speed * np.cos(psi - error)
     east[k] -= du
     north[k] -= dv
-    u = ds["reference_eastward_wind"].to_numpy().copy()
-    v = ds["reference_northward_wind"].to_numpy().copy()
+    u, v = (ds[f"reference_{way}ward_wind"].to_numpy().copy() for way in ("east", "north"))
     u[k] += du
     v[k] += dv
-    both = ("reference", "report")
-    return ds.assign(
-        heading_error=(both, wrap(np.degrees(psi - np.arctan2(east, north)))),
-        airspeed_error=(both, airspeed - np.hypot(east, north)),
-        reference_eastward_wind=(both, u),
-        reference_northward_wind=(both, v),
-    )
+    columns = {
+        "heading_error": wrap(np.degrees(psi - np.arctan2(east, north))),
+        "airspeed_error": airspeed - np.hypot(east, north),
+        "reference_eastward_wind": u,
+        "reference_northward_wind": v,
+    }
+    return ds.assign(ragged(columns))
 
 
 def placed(ds, seed):
@@ -87,17 +79,14 @@ def placed(ds, seed):
     rng = np.random.default_rng([seed, 13])
     flight = ds["flight"].to_numpy()
     number = int(flight.max()) + 1
-    one = ("report",)
-    return ds.assign(
-        latitude=(one, rng.uniform(38, 48, number)[flight]),
-        longitude=(one, rng.uniform(-98, -75, number)[flight]),
-        pressure=(one, rng.uniform(4.2e4, 8e4, number)[flight]),
-        phase=(one, np.full(flight.size, 2, np.int8)),
-        lead_time=(
-            ("reference", "report"),
-            np.tile(rng.integers(1, 7, number)[flight] * 1.0, (ds.sizes["reference"], 1)),
-        ),
-    )
+    columns = {
+        "latitude": rng.uniform(38, 48, number)[flight],
+        "longitude": rng.uniform(-98, -75, number)[flight],
+        "pressure": rng.uniform(4.2e4, 8e4, number)[flight],
+        "phase": np.full(flight.size, 2, np.int8),
+        "lead_time": np.tile(rng.integers(1, 7, number)[flight] * 1.0, (ds.sizes["reference"], 1)),
+    }
+    return ds.assign(ragged(columns))
 
 
 def references(seed, setting, *, size=1.2, persistence=0.5, regional=None):
@@ -107,11 +96,9 @@ def references(seed, setting, *, size=1.2, persistence=0.5, regional=None):
     """
     ds, _ = fleet(seed, setting, amplitude=4.0)
     day = day_number(ds)
-    for k, name in enumerate(ds["reference"].to_numpy()):
-        error = persistent_error(
-            seed + 1000 * (k + 1), setting.days, size=size, persistence=persistence
-        )
-        west = ds["longitude"].to_numpy() < -88.0
-        bias = (regional or {}).get(str(name), 0.0)
-        ds = moved(ds, str(name), error[day, 0] + bias * west, error[day, 1])
+    west = ds["longitude"].to_numpy() < -88.0
+    for k, name in enumerate(ds["reference"].to_numpy().tolist()):
+        seeds, bias = seed + 1000 * (k + 1), (regional or {}).get(name, 0.0)
+        error = persistent_error(seeds, setting.days, size=size, persistence=persistence)
+        ds = moved(ds, name, error[day, 0] + bias * west, error[day, 1])
     return ds

@@ -1,5 +1,7 @@
 """Comparison: equal references are poolable, a biased one is not; cost of long intervals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,10 +10,9 @@ from airswing.errors import InputError
 from airswing.evaluation.comparison import compare, hats_of, regional_bias
 from airswing.evaluation.time_interval import interval_cost
 from airswing.products.ragged import aircraft_of_report
-from tests.compass.flown import Setting
 from tests.evaluation.archives import LASTING_ERRORS as SETTING
 from tests.evaluation.archives import day_number, references
-from tests.reference.gridded.datasets import START, latlon, points
+from tests.reference.gridded.datasets import latlon, points
 
 TWO = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}
 
@@ -36,7 +37,7 @@ def test_references_of_equal_truth_are_poolable_and_intervals_contain_zero(equal
 
 @pytest.mark.parametrize("without", ["a second reference", "a common report"])
 def test_references_that_cannot_be_compared_are_refused(without):
-    ds, pools = references(1, Setting(**{**SETTING.__dict__, "days": 6})), TWO
+    ds, pools = references(1, replace(SETTING, days=6)), TWO
     if without == "a second reference":
         pools = {"ruc": ["ruc"]}
     half = np.arange(ds.sizes["report"]) % 2 == 0
@@ -55,7 +56,7 @@ def test_a_regional_bias_of_one_metre_a_second_is_not_poolable():
 
 
 def test_nam_is_compared_and_never_called_poolable():
-    ds = references(1, Setting(**{**SETTING.__dict__, "references": 3, "days": 40}))
+    ds = references(1, replace(SETTING, references=3, days=40))
     pools = {**TWO, "nam": ["nam"], "ruc+rtfdaa": ["ruc", "rtfdaa"]}
     found = compare(ds, pools=pools, never_pool=["NAM"], joint=False)
     pairs = {tuple(pair["references"]): pair for pair in found["pairs"]}
@@ -108,7 +109,7 @@ def test_a_report_without_a_magnetic_heading_is_left_out():
 
 def test_an_aircraft_of_one_day_decides_nothing():
     """Its day leaves no scatter about eight coefficients: it has no difference."""
-    ds = references(3, Setting(**{**SETTING.__dict__, "days": 40, "reports_a_flight": 30}))
+    ds = references(3, replace(SETTING, days=40, reports_a_flight=30))
     late = (aircraft_of_report(ds) == 7) & (day_number(ds) > 0)
     short = ds.assign(screening=("report", late.astype(np.int32)))
     without = ds.isel(report=aircraft_of_report(ds) < 7, aircraft=slice(7))
@@ -134,8 +135,7 @@ def model(course):
 
 
 def reports(hours):
-    found = points(np.full(hours.size, 40.0), -95.0, 50000.0)
-    return found.assign(time=("report", START + (hours * 3600e9).astype("m8[ns]")))
+    return points(40.0, -95.0, 50000.0, after=hours)
 
 
 def test_a_parabola_by_hand():
@@ -143,7 +143,8 @@ def test_a_parabola_by_hand():
     hours = np.arange(25.0)
     catalogue = airswing.build_catalogue(model(0.1 * hours**2), name="m")
     whole = np.arange(1.0, 24.0)  # at whole hours the hourly reference is exact
-    for row, step in zip(interval_cost(reports(whole), catalogue), (3.0, 6.0), strict=True):
+    rows = interval_cost(points(40.0, -95.0, 50000.0, after=whole), catalogue)
+    for row, step in zip(rows, (3.0, 6.0), strict=True):
         past = np.mod(whole, step)
         error = 0.1 * past * (step - past)
         middle = np.abs(past - step / 2) <= 0.5
@@ -156,7 +157,7 @@ def test_a_parabola_by_hand():
 
 def test_steady_change_costs_nothing_and_three_hourly_winds_cannot_tell():
     steady = airswing.build_catalogue(model(np.arange(13.0)), name="m")
-    some = reports(np.linspace(0.5, 11.5, 40))
+    some = points(40.0, -95.0, 50000.0, after=np.linspace(0.5, 11.5, 40))
     assert all(row["rms_vector_difference_m_s"] < 1e-3 for row in interval_cost(some, steady))
     sparse = airswing.build_catalogue(model(np.arange(13.0)).isel(time=slice(0, 13, 3)), name="m")
     assert interval_cost(some, sparse) == []

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import xarray as xr
 from scipy.stats import rice
 
 from airswing.errors import InputError
@@ -17,6 +16,7 @@ from airswing.evaluation.field_test import (
 )
 from airswing.flags import ROLL, TEMPERATURE_QC
 from airswing.units import KNOT
+from tests.ragged import ragged
 
 START = date(2009, 10, 20)
 NOISE_KT = (5.4, 6.4)  # before and during the test
@@ -51,33 +51,23 @@ def simulate_fleet(seed, *, corrected=19, controls=17, days=(60, 60), flights=3,
         day * 86400 + (hour * 3600).astype(int)
     ).astype("m8[s]")
     zeros = np.zeros((1, east.size))
-    headings = xr.Dataset(
-        {
-            "row_size": ("aircraft", np.full(number, day.size)),
-            "time": ("report", np.tile(time, number).astype("M8[ns]")),
-            "eastward_wind": ("report", east),
-            "northward_wind": ("report", north),
-            "reference_eastward_wind": (("reference", "report"), zeros),
-            "reference_northward_wind": (("reference", "report"), zeros),
-            "heading": ("report", rng.uniform(0, 360, east.size)),
-            "roll_flag": ("report", np.full(east.size, ROLL["good"], np.int8)),
-            "temperature_qc": ("report", np.full(east.size, TEMPERATURE_QC["pass"], np.int8)),
-            "screening": ("report", np.zeros(east.size, np.int32)),
-        },
-        coords={"aircraft": names, "reference": ["rr"]},
-    )
+    columns = {
+        "time": np.tile(time, number).astype("M8[ns]"),
+        "eastward_wind": east,
+        "northward_wind": north,
+        "reference_eastward_wind": zeros,
+        "reference_northward_wind": zeros,
+        "heading": rng.uniform(0, 360, east.size),
+        "roll_flag": np.full(east.size, ROLL["good"], np.int8),
+        "temperature_qc": np.full(east.size, TEMPERATURE_QC["pass"], np.int8),
+        "screening": np.zeros(east.size, np.int32),
+    }
+    headings = ragged(columns, np.full(number, day.size), names, ["rr"])
     true = rice.mean(size / NOISE_KT, scale=NOISE_KT)  # (aircraft, window)
-    before, during = (
-        {"corrected": float(part[:corrected].mean()), "controls": float(part[corrected:].mean())}
-        for part in true.T
-    )
-    return SimpleNamespace(
-        headings=headings,
-        corrected=names[:corrected],
-        controls=names[corrected:],
-        before=before,
-        during=during,
-    )
+    groups = {"corrected": slice(corrected), "controls": slice(corrected, None)}
+    levels = {name: true[part].mean(axis=0) for name, part in groups.items()}
+    members = {name: names[part] for name, part in groups.items()}
+    return SimpleNamespace(headings=headings, levels=levels, **members)
 
 
 def run(fleet, **options):
@@ -104,8 +94,8 @@ def test_intervals_hold_the_truth_over_many_fleets():
     for seed in range(20):
         fleet = simulate_fleet(seed, days=(25, 25), corrected=6, controls=5, flights=2, reports=4)
         low, high = run(fleet, draws=300)["adjusted_reduction_ci_kt"]
-        fall = {group: before - fleet.during[group] for group, before in fleet.before.items()}
-        inside += low <= fall["corrected"] - fall["controls"] <= high
+        rise, of_controls = (np.diff(fleet.levels[name]) for name in ("corrected", "controls"))
+        inside += low <= of_controls - rise <= high
     # 20 draws of a 95 % interval fall below 16 with probability 0.3 %
     assert inside >= 16
 
@@ -115,8 +105,8 @@ def test_a_fleet_built_to_the_seeds_numbers_gives_its_table():
     result = run(fleet)
     for group in ("corrected", "controls"):
         entry = result["groups"][group]
-        assert entry["before_kt"] == pytest.approx(fleet.before[group], abs=0.35)
-        assert entry["during_kt"] == pytest.approx(fleet.during[group], abs=0.35)
+        both = entry["before_kt"], entry["during_kt"]
+        assert both == pytest.approx(fleet.levels[group], abs=0.35)
         assert entry["reduction_kt"] == pytest.approx(entry["before_kt"] - entry["during_kt"])
     assert result["groups"]["corrected"]["aircraft"] == 19
     assert result["permutation"]["p_value_unconditional"] < 0.01

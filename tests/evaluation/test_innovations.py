@@ -14,6 +14,7 @@ from airswing.evaluation.innovations import (
 )
 from airswing.flags import PHASE, SCREENING
 from airswing.vocabulary import describe
+from tests.ragged import ragged
 
 POOLS = {"ruc": ["ruc"], "both": ["ruc", "rr"]}
 
@@ -58,28 +59,23 @@ def archive():
     rng = np.random.default_rng(3)
     size = np.array([400, 0, 250])
     number = int(size.sum())
-    one, both = ("report",), ("reference", "report")
-    headings = xr.Dataset(
-        {
-            "row_size": ("aircraft", size),
-            "time": (
-                one,
-                np.datetime64("2008-07-01", "ns")
-                + rng.integers(0, 3 * 86400, number) * np.timedelta64(1, "s"),
-            ),
-            "eastward_wind": (one, rng.normal(12, 3, number)),
-            "northward_wind": (one, rng.normal(0, 3, number)),
-            "reference_eastward_wind": (both, rng.normal(12, 2, (2, number))),
-            "reference_northward_wind": (both, rng.normal(0, 2, (2, number))),
-            "flight": (one, np.arange(number) // 10),
-            "pressure": (one, rng.uniform(21000, 100000, number)),
-            "phase": (one, rng.choice(list(PHASE.values()), number).astype(np.int8)),
-            "screening": (one, np.where(rng.random(number) < 0.1, SCREENING["gross_error"], 0)),
-        },
-        coords={"aircraft": ["N1", "N2", "N3"], "reference": ["ruc", "rr"]},
-    )
-    winds = {f"corrected_{name}": headings[name] + 0.5 for name in ("eastward_wind",)}
-    winds["corrected_northward_wind"] = headings["northward_wind"]
+    seconds = rng.integers(0, 3 * 86400, number) * np.timedelta64(1, "s")
+    columns = {
+        "time": np.datetime64("2008-07-01", "ns") + seconds,
+        "eastward_wind": rng.normal(12, 3, number),
+        "northward_wind": rng.normal(0, 3, number),
+        "reference_eastward_wind": rng.normal(12, 2, (2, number)),
+        "reference_northward_wind": rng.normal(0, 2, (2, number)),
+        "flight": np.arange(number) // 10,
+        "pressure": rng.uniform(21000, 100000, number),
+        "phase": rng.choice(list(PHASE.values()), number).astype(np.int8),
+        "screening": np.where(rng.random(number) < 0.1, SCREENING["gross_error"], 0),
+    }
+    headings = ragged(columns, size, ["N1", "N2", "N3"], ["ruc", "rr"])
+    winds = {
+        "corrected_eastward_wind": headings["eastward_wind"] + 0.5,
+        "corrected_northward_wind": headings["northward_wind"],
+    }
     return headings, xr.Dataset(winds).assign(row_size=("aircraft", size))
 
 

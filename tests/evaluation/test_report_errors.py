@@ -3,7 +3,6 @@
 import benchmarks.observation_errors as archive
 import numpy as np
 import pytest
-import xarray as xr
 
 from airswing.evaluation.observation_errors import (
     REACH,
@@ -16,23 +15,18 @@ from airswing.evaluation.resampling import day_weights, interval, widened
 from airswing.products.netcdf import read_product, write_product
 from airswing.report.html import Figures
 from airswing.report.run.evaluation import report_errors_section, worth_sentence
-
-
-def pairs_of(latitude, longitude, pressure, time, aircraft):
-    arrays = (np.asarray(part, dtype=float) for part in (latitude, longitude, pressure, time))
-    return neighbouring_pairs(*arrays, np.asarray(aircraft))
+from tests.ragged import ragged
 
 
 def test_neighbours_by_hand():
     # 0.1 degree of longitude on the equator is 11.12 km; the third is 33 km off, the fourth late.
-    found = pairs_of(
-        [0, 0, 0, 0, 0],
-        [179.95, -179.95, 179.65, 179.95, 179.95],
-        [50_000, 50_500, 50_000, 50_000, 50_000],
-        [0, 60, 0, 1400, 10],
-        [0, 1, 1, 1, 0],
+    ends, separation = neighbouring_pairs(
+        np.zeros(5),
+        np.array([179.95, -179.95, 179.65, 179.95, 179.95]),
+        np.array([50e3, 50.5e3, 50e3, 50e3, 50e3]),
+        np.array([0.0, 60, 0, 1400, 10]),
+        np.array([0, 1, 1, 1, 0]),
     )
-    ends, separation = found
     assert sorted(map(tuple, ends.tolist())) == [(0, 1), (1, 4)]
     distance, depth, late = separation[ends[:, 0].tolist().index(0)]
     assert distance * REACH[0] == pytest.approx(11_120, rel=1e-3)
@@ -64,37 +58,32 @@ def made(seed, *, days=30, aircraft=8, references=(("a", 2.0),), shared=0.0, siz
     noise = size * rng.normal(size=(2, x.size))
     fault = np.repeat(rng.normal(0, 2.0, (2, aircraft)), days * 12, axis=1)
     time = np.datetime64("2009-01-01", "ns") + (day * 86400e9 + t * 3600e9).astype(int)
-    one, sizes = ("report",), np.full(aircraft, days * 12)
-    headings = xr.Dataset(
-        {
-            "latitude": (one, 40.0 + y / 111.2),
-            "longitude": (one, -90.0 + x / (111.2 * np.cos(np.radians(40)))),
-            "pressure": (one, rng.uniform(44_000, 46_000, x.size)),
-            "time": (one, time.astype("datetime64[ns]")),
-            "phase": (one, np.full(x.size, 2, dtype=np.int8)),
-            "screening": (one, np.zeros(x.size, dtype=np.int32)),
-            "eastward_wind": (one, 20.0 + noise[0] + fault[0]),
-            "northward_wind": (one, noise[1] + fault[1]),
-            "reference_eastward_wind": (
-                ("reference", "report"),
-                np.array([w[0] for w in winds]) + 20.0,
-            ),
-            "reference_northward_wind": (("reference", "report"), np.array([w[1] for w in winds])),
-            "row_size": ("aircraft", sizes),
-        },
-        coords={
-            "reference": [name for name, _ in references],
-            "aircraft": [f"N{k}" for k in range(aircraft)],
-        },
-    )
-    corrected = xr.Dataset(
-        {
-            "corrected_eastward_wind": (one, 20.0 + noise[0]),
-            "corrected_northward_wind": (one, noise[1]),
-            "row_size": ("aircraft", sizes),
-        }
-    )
-    return headings, corrected, np.sqrt(0.5 * ((noise + fault) ** 2).sum(axis=0).mean())
+    columns = {
+        "latitude": 40.0 + y / 111.2,
+        "longitude": -90.0 + x / (111.2 * np.cos(np.radians(40))),
+        "pressure": rng.uniform(44_000, 46_000, x.size),
+        "time": time.astype("datetime64[ns]"),
+        "phase": np.full(x.size, 2, dtype=np.int8),
+        "screening": np.zeros(x.size, dtype=np.int32),
+        "eastward_wind": 20.0 + noise[0] + fault[0],
+        "northward_wind": noise[1] + fault[1],
+        "reference_eastward_wind": np.array([w[0] for w in winds]) + 20.0,
+        "reference_northward_wind": np.array([w[1] for w in winds]),
+    }
+    sizes = np.full(aircraft, days * 12)
+    headings = ragged(columns, sizes, reference=[name for name, _ in references])
+    right = {"corrected_eastward_wind": 20.0 + noise[0], "corrected_northward_wind": noise[1]}
+    error = np.sqrt(0.5 * ((noise + fault) ** 2).sum(axis=0).mean())
+    return headings, ragged(right, sizes), error
+
+
+def fleet_error(found, state="corrected"):
+    return found["fleet_observation_error"].sel(state=state).item()
+
+
+def by_hat(found):
+    way = {"way": "three_cornered_hat", "state": "corrected"}
+    return found["fleet_observation_error_by_method"].sel(way).item()
 
 
 def test_one_reference_and_neighbours():
@@ -108,8 +97,7 @@ def test_one_reference_and_neighbours():
     assert low < 0.5 < high and high - low < 0.2
     gain = found["fleet_weight_gain"].item()
     assert gain == pytest.approx((before / after) ** 2)
-    hat = found["fleet_observation_error_by_method"].sel(way="three_cornered_hat")
-    assert bool(hat.isnull().all())
+    assert np.isnan(by_hat(found))
     cell = found["observation_error"].sel(flight_phase="cruise", state="corrected").to_numpy()
     assert np.isfinite(cell).sum() == 1 and cell[5] == pytest.approx(after, rel=1e-6)
     filled = found["observation_error_filled"].sel(state="corrected").to_numpy()
@@ -133,28 +121,14 @@ def test_references_with_correlated_errors_are_recognised():
     pools = {"a": ["a"], "b": ["b"], "a+b": ["a", "b"]}
     found = observation_errors(headings, corrected, pools=pools, reference="a+b")
     assert found.attrs["method"] == "separation"
-    assert found["fleet_observation_error"].sel(state="corrected").item() == pytest.approx(
-        0.5, rel=0.12
-    )
-    hat = found["fleet_observation_error_by_method"].sel(
-        way="three_cornered_hat", state="corrected"
-    )
-    assert hat.item() > 0.9
+    assert fleet_error(found) == pytest.approx(0.5, rel=0.12)
+    assert by_hat(found) > 0.9
     low, high = found["reference_error_covariance_interval"].to_numpy()
-    assert 0.3 < low < found["reference_error_covariance"].item() < high < 2.0
-    assumed = observation_errors(
-        headings,
-        corrected,
-        pools=pools,
-        reference="a+b",
-        covariance=found["reference_error_covariance"].item(),
-    )
-    taken = assumed["fleet_observation_error_by_method"].sel(
-        way="three_cornered_hat", state="corrected"
-    )
-    assert taken.item() == pytest.approx(
-        found["fleet_observation_error"].sel(state="corrected").item(), rel=1e-6
-    )
+    covariance = found["reference_error_covariance"].item()
+    assert 0.3 < low < covariance < high < 2.0
+    options = {"pools": pools, "reference": "a+b", "covariance": covariance}
+    assumed = observation_errors(headings, corrected, **options)
+    assert by_hat(assumed) == pytest.approx(fleet_error(found), rel=1e-6)
 
 
 def test_one_day_of_one_reference_has_no_error_and_a_reason(tmp_path):
@@ -169,12 +143,8 @@ def test_what_could_not_be_corrected_does_not_count():
     headings, corrected, _ = made(3, days=10)
     applied = np.zeros(headings.sizes["report"], dtype=np.int8)
     applied[: headings["row_size"].to_numpy()[0]] = 1
-    found = observation_errors(
-        headings,
-        corrected.assign(correction_applied=("report", applied)),
-        pools={"a": ["a"]},
-        reference="a",
-    )
+    corrected["correction_applied"] = ("report", applied)
+    found = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
     errors = found["aircraft_observation_error"].sel(state="corrected").to_numpy()
     assert np.isnan(errors[0]) and np.isfinite(errors[1:]).all()
     assert int(found["observation_count"].sel(flight_phase="all").sum()) == (applied == 0).sum()
@@ -202,19 +172,13 @@ def test_a_model_error_that_lasts_is_in_the_interval_of_reported_winds():
     assert held["days"] < 30
 
 
-@pytest.fixture(scope="module")
-def simulated():
-    return archive.archive(11, days=16, aircraft=12)
-
-
-def test_a_simulated_archive_against_its_truth(simulated, tmp_path):
-    headings, corrected, wind = simulated
+def test_a_simulated_archive_against_its_truth(tmp_path):
+    headings, corrected, frame = archive.archive(11, days=16, aircraft=12)
     found = observation_errors(headings, corrected, pools=archive.POOLS, reference="ruc+rtfdaa")
     for state in ("reported", "corrected"):
-        true, _ = archive.truth(headings, corrected, wind, state)
-        part = found.sel(state=state)
-        assert part["fleet_observation_error"].item() == pytest.approx(true, rel=0.1)
-        low, high = part["fleet_observation_error_interval"].to_numpy()
+        true, _ = archive.truth(headings, corrected, frame, state)
+        assert fleet_error(found, state) == pytest.approx(true, rel=0.1)
+        low, high = found["fleet_observation_error_interval"].sel(state=state).to_numpy()
         assert low < true < high
     assert found.attrs["method"] == "separation"
     write_product(found, tmp_path / "observation_errors.nc", title="errors")

@@ -1,10 +1,10 @@
 """Small archives of corrected reports, in memory, for tests of the exports."""
 
 import numpy as np
-import xarray as xr
 
 from airswing.flags import CORRECTION, PHASE
 from airswing.vocabulary import describe
+from tests.ragged import ragged
 
 NOON = np.datetime64("2008-07-15T12:00:00", "ns")
 SECOND = np.timedelta64(1, "s")
@@ -34,10 +34,4 @@ def corrected(sizes, **columns):
     }
     for name, values in columns.items():
         ds[name] = np.broadcast_to(np.asarray(values, dtype=ds[name].dtype), (count,)).copy()
-    return describe(
-        xr.Dataset(
-            {name: ("report", values) for name, values in ds.items()}
-            | {"row_size": ("aircraft", np.array(list(sizes.values()), dtype=np.int32))},
-            coords={"aircraft": ("aircraft", np.array(list(sizes), dtype=object))},
-        )
-    )
+    return describe(ragged(ds, np.array(list(sizes.values()), dtype=np.int32), sizes))

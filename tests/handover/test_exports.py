@@ -16,14 +16,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import airswing
-from airswing import cli
+from airswing import export
 from airswing.config import Handover
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
 from airswing.handover.export import as_text
 from airswing.physics.triangle import wind_components
 from airswing.products.netcdf import write_product
+from tests.command import airswing
 from tests.handover import obsproc, wrf_nudging, wrfda
 from tests.handover.archives import corrected
 
@@ -78,12 +78,8 @@ def _of_wrfda(reports):
     for report in reports:
         assert report["type"] in ("tamdar", "airep")
         moment = datetime.strptime(report["date"], "%Y-%m-%d_%H:%M:%S")
-        place = (
-            (moment - EPOCH).total_seconds(),
-            report["id"].rstrip(),
-            report["lat"],
-            report["lon"],
-        )
+        seconds = (moment - EPOCH).total_seconds()
+        place = seconds, report["id"].rstrip(), report["lat"], report["lon"]
         for level in report["levels"]:
             assert level["wind_used"] and level["vertical"] == "pressure"
             assert all(level[name][2] > 0.0 for name in wrfda.COLUMNS)
@@ -129,6 +125,7 @@ SPECIAL = [(0.0, 0.0), (0.0, -10.0), (0.0, 5.0), (-7.0, 0.0), (0.0004, -0.0004),
 SPECIAL += [(-1e-7, -20.0), (0.05, 0.0), (0.0, -0.09999)]
 component = st.floats(-100.0, 100.0, width=32)
 winds = st.tuples(component, component) | st.sampled_from(SPECIAL)
+REPORT_COLUMNS = ("latitude", "longitude", "pressure", "air_temperature")
 REPORT = st.fixed_dictionaries(
     {
         "wind": winds,
@@ -138,7 +135,7 @@ REPORT = st.fixed_dictionaries(
         | st.floats(-180, 180),
         "pressure": st.sampled_from([50000.0, 8000.01, 108000.0])
         | st.floats(8010, 105000, width=32),
-        "temperature": st.sampled_from([np.nan, 150.0, 340.0]) | st.floats(180, 320, width=32),
+        "air_temperature": st.sampled_from([np.nan, 150.0, 340.0]) | st.floats(180, 320, width=32),
     }
 )
 
@@ -154,18 +151,14 @@ def test_every_report_is_understood(tmp_path_factory, reports, tail, platform, t
     year_end = np.datetime64("2008-12-31T23:58:00", "ns")
     seconds = np.array([report["seconds"] for report in reports])
     split = len(reports) // 2
-    ds = corrected(
-        {tail: split, "N2": len(reports) - split} if split else {tail: len(reports)},
-        time=year_end + seconds * np.timedelta64(1, "s"),
-        latitude=[report["latitude"] for report in reports],
-        longitude=[report["longitude"] for report in reports],
-        pressure=[report["pressure"] for report in reports],
-        air_temperature=[report["temperature"] for report in reports],
-        corrected_eastward_wind=[report["wind"][0] for report in reports],
-        corrected_northward_wind=[report["wind"][1] for report in reports],
+    sizes = {tail: split, "N2": len(reports) - split} if split else {tail: len(reports)}
+    columns = {name: [report[name] for report in reports] for name in REPORT_COLUMNS}
+    columns["corrected_eastward_wind"], columns["corrected_northward_wind"] = zip(
+        *(report["wind"] for report in reports), strict=True
     )
+    ds = corrected(sizes, time=year_end + seconds * np.timedelta64(1, "s"), **columns)
     path = tmp_path_factory.mktemp("export") / "file"
-    result = airswing.export(ds, to=to, path=path, settings=Handover(platform=platform))
+    result = export(ds, to=to, path=path, settings=Handover(platform=platform))
     assert result["reports"] == result["levels"] == len(reports) and not result["left_out"]
     found = understood(to, path)
     assert to != "ob_ascii" or found["seconds"].is_monotonic_increasing
@@ -195,22 +188,15 @@ BAD = {
 
 @pytest.mark.parametrize("to", FORMATS)
 def test_one_report_for_every_reason_to_leave_it_out(tmp_path, to):
-    count = len(BAD) + 3
-    columns = {
-        name: corrected({"N1": count})[name].to_numpy()
-        for name in {name for change in BAD.values() for name in change}
-    }
-    columns["time"] = np.full(count, np.datetime64("2008-07-15T12:30:00", "ns"))
+    ds = corrected({"N1": len(BAD) + 3}, time=np.datetime64("2008-07-15T12:30:00", "ns"))
     for number, change in enumerate(BAD.values()):
         for name, value in change.items():
-            columns[name][number] = value
-    columns["screening"][-1] = SCREENING["phase"]
-    columns["screening"][-2] = SCREENING["field_test"]
-    columns["correction_applied"][-2] = CORRECTION["already_corrected"]
+            ds[name][number] = value
+    ds["screening"][-1] = SCREENING["phase"]
+    ds["screening"][-2] = SCREENING["field_test"]
+    ds["correction_applied"][-2] = CORRECTION["already_corrected"]
     period = Handover(start=datetime(2008, 7, 15, 12), end=datetime(2008, 7, 15, 13))
-    result = airswing.export(
-        corrected({"N1": count}, **columns), to=to, path=tmp_path / "f", settings=period
-    )
+    result = export(ds, to=to, path=tmp_path / "f", settings=period)
     assert result["reports"] == 3
     assert Counter(result["left_out"]) == Counter(BAD.keys())
     assert len(understood(to, tmp_path / "f")) == 3
@@ -224,7 +210,7 @@ def test_pressure_altitude_replaces_a_missing_pressure_and_bad_temperatures_are_
         {"N1": 3}, pressure=[np.nan, 40000.0, 50000.0], air_temperature=[20.0, np.inf, 258.15]
     )
     ds["pressure_altitude"] = ("report", np.array([5574.44, 7185.4, 0.0]))
-    airswing.export(ds, to=to, path=tmp_path / "f")
+    export(ds, to=to, path=tmp_path / "f")
     found = understood(to, tmp_path / "f")
     np.testing.assert_allclose(found["p"], [50000.0, 40000.0, 50000.0], atol=1.0)
     np.testing.assert_allclose(found["t"], [-888888.0, -888888.0, 258.15], atol=1e-3)
@@ -254,7 +240,7 @@ def test_ascents_and_descents_are_joined(tmp_path, to):
         pressure=pressure * 2,
         corrected_eastward_wind=np.arange(38) - 20.0,
     )
-    result = airswing.export(ds, to=to, path=tmp_path / "f", soundings=True)
+    result = export(ds, to=to, path=tmp_path / "f", soundings=True)
     assert result["levels"] == 38 and result["reports"] == 2 * (2 + 4)
     found = understood(to, tmp_path / "f").sort_values("u")
     assert found["u"].round().tolist() == list(range(-20, 18))
@@ -277,23 +263,20 @@ def test_ascents_and_descents_are_joined(tmp_path, to):
 )
 def test_soundings_that_the_nudging_would_ignore(tmp_path, pressure, phase, sizes):
     """nudob skips a sounding with a step over 200 hPa and does not reach beyond its ends."""
-    result = airswing.export(
+    result = export(
         profile(pressure, phase=phase), to="obs_domain", path=tmp_path / "f", soundings=True
     )
     reports = wrf_nudging.raw((tmp_path / "f").read_text())
     assert sorted(report["meas_count"] for report in reports) == sorted(sizes)
-    steps = [
-        -np.diff([level[0][0] for level in report["levels"]])
-        for report in reports
-        if report["meas_count"] > 1
-    ]
-    assert all((step <= 20000.0).all() and step.sum() >= 15000.0 for step in steps)
+    for report in (report for report in reports if report["meas_count"] > 1):
+        step = -np.diff([level[0][0] for level in report["levels"]])
+        assert (step <= 20000.0).all() and step.sum() >= 15000.0
     winds = sorted(round(level[3][0]) for report in reports for level in report["levels"])
     assert winds == list(range(1, len(pressure) + 1))
     split = any(abs(np.diff(pressure)) > 200)
     assert any("split at 1 pressure step" in note for note in result["notes"]) == split
     # Other readers have no such limits.
-    result = airswing.export(profile(pressure), to="little_r", path=tmp_path / "g", soundings=True)
+    result = export(profile(pressure), to="little_r", path=tmp_path / "g", soundings=True)
     assert result["reports"] == 1 or phase == "descent"
 
 
@@ -315,15 +298,15 @@ def test_products_by_month_are_exported_as_one(tmp_path, to):
         part["row_size"] = ("aircraft", np.array([100, 100], dtype=np.int32))
         write_product(part, tmp_path / "corrected" / f"{month}.nc", title="test")
     write_product(ds, tmp_path / "whole.nc", title="test")
-    airswing.export(tmp_path / "whole.nc", to=to, path=tmp_path / "whole", soundings=True)
-    airswing.export(tmp_path / "corrected", to=to, path=tmp_path / "months", soundings=True)
+    export(tmp_path / "whole.nc", to=to, path=tmp_path / "whole", soundings=True)
+    export(tmp_path / "corrected", to=to, path=tmp_path / "months", soundings=True)
     assert (tmp_path / "months").read_bytes() == (tmp_path / "whole").read_bytes()
 
 
 def test_windows_get_a_folder_each(tmp_path):
     time = np.datetime64("2008-12-31T22:30", "ns") + np.arange(6) * np.timedelta64(30, "m")
     ds = corrected({"N1": 6}, time=time)
-    result = airswing.export(
+    result = export(
         ds, to="obs_domain", path=tmp_path / "w", window="1 h", settings=Handover(domain=2)
     )
     files = sorted((tmp_path / "w").rglob("OBS_DOMAIN201"))
@@ -332,7 +315,7 @@ def test_windows_get_a_folder_each(tmp_path):
     assert [file["reports"] for file in result["files"]] == [1, 2, 2, 1]
     assert [len(wrf_nudging.raw(file.read_text())) for file in files] == [1, 2, 2, 1]
     begun = Handover(start=datetime(2008, 12, 31, 22, 30))
-    result = airswing.export(ds, to="ob_ascii", path=tmp_path / "v", window="1 h", settings=begun)
+    result = export(ds, to="ob_ascii", path=tmp_path / "v", window="1 h", settings=begun)
     assert [file["reports"] for file in result["files"]] == [2, 2, 2]
     assert result["files"][0]["path"].endswith("200812312230/ob.ascii")
 
@@ -343,10 +326,10 @@ def test_windows_get_a_folder_each(tmp_path):
 def test_the_platform_follows_the_source(tmp_path, platform, code):
     codes = np.array([PLATFORM[platform], PLATFORM["ACARS"]], dtype=np.int8)
     ds = corrected({"N1": 1, "N2": 1}).assign(platform=("aircraft", codes))
-    airswing.export(ds, to="ob_ascii", path=tmp_path / "f")
+    export(ds, to="ob_ascii", path=tmp_path / "f")
     read = wrfda.read((tmp_path / "f").read_text())[0]
     assert [one["platform"] for one in read] == [code, "FM-97 ACARS "]
-    airswing.export(ds.drop_vars("platform"), to="ob_ascii", path=tmp_path / "g")
+    export(ds.drop_vars("platform"), to="ob_ascii", path=tmp_path / "g")
     read = wrfda.read((tmp_path / "g").read_text())[0]
     assert {one["platform"] for one in read} == {"FM-101 TAMDA"}
 
@@ -356,13 +339,11 @@ def test_aircraft_by_number(tmp_path, to):
     """A name that is a number keeps it; of 0000751 and 751 the first has the number."""
     names = ["0000751", "00002", "123456", "751", "N751A", "X"]
     ds = corrected(dict.fromkeys(names, 1))
-    result = airswing.export(
-        ds, to=to, path=tmp_path / "f", settings=Handover(identifiers="number")
-    )
+    result = export(ds, to=to, path=tmp_path / "f", settings=Handover(identifiers="number"))
     numbers = ["00751", "00002", "00001", "00003", "00004", "00005"]
     assert result["identifiers"] == dict(zip(names, numbers, strict=True))
     assert understood(to, tmp_path / "f")["id"].tolist() == numbers
-    assert "identifiers" not in airswing.export(ds, to=to, path=tmp_path / "g")
+    assert "identifiers" not in export(ds, to=to, path=tmp_path / "g")
     assert "N751A 00004, and 1 more" in as_text(result)
 
 
@@ -381,15 +362,9 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def call(monkeypatch, capsys, *words):
-    monkeypatch.setattr("sys.argv", ["airswing", "export", "c.yaml", *words])
-    status = 0
-    try:
-        cli.main()
-    except SystemExit as end:
-        status = end.code
-    result = capsys.readouterr()
-    return status, result.out, result.err
+def call(*words):
+    done = airswing("export", "c.yaml", *words)
+    return done.returncode, done.stdout, done.stderr
 
 
 def left(folder):
@@ -419,31 +394,31 @@ def left(folder):
         (("--to", "ob_ascii", "-o", "c.yaml/sub/f"), ("c.yaml/sub/f",)),
     ],
 )
-def test_bad_requests(folder, monkeypatch, capsys, words, said):
+def test_bad_requests(folder, words, said):
     before = left(folder)
-    status, out, err = call(monkeypatch, capsys, *words, "--quiet")
+    status, out, err = call(*words, "--quiet")
     assert status == 2 and out == ""
     assert err.startswith("airswing: ") and len(err) < 2000 and err.count("\n") == 1
     assert all(word in err for word in said), err
     assert left(folder) == before and (folder / "c.yaml").read_text() == CONFIG
 
 
-def test_without_a_product_the_run_is_named(folder, monkeypatch, capsys):
+def test_without_a_product_the_run_is_named(folder):
     (folder / "out/corrected.nc").unlink()
-    status, _, err = call(monkeypatch, capsys, "--to", "little_r", "-o", "f")
+    status, _, err = call("--to", "little_r", "-o", "f")
     assert status == 2 and "out/corrected: no such product" in err and "airswing run" in err
 
 
-def test_the_command_writes_and_reports(folder, monkeypatch, capsys):
+def test_the_command_writes_and_reports(folder):
     words = ("--to", "ob_ascii", "-o", "w/", "--window", "2 min", "--quiet")
-    status, out, err = call(monkeypatch, capsys, *words, "--json")
+    status, out, err = call(*words, "--json")
     assert (status, err) == (0, "")
     result = json.loads(out)
     assert result["reports"] == 5 and [file["reports"] for file in result["files"]] == [2, 2, 1]
     assert all((folder / file["path"]).is_file() for file in result["files"])
-    status, _, err = call(monkeypatch, capsys, *words)
+    status, _, err = call(*words)
     assert status == 2 and "ob.ascii" in err and "already exists" in err
-    status, out, _ = call(monkeypatch, capsys, *words, "--overwrite")
+    status, out, _ = call(*words, "--overwrite")
     assert status == 0 and "5 reports, 5 winds as corrected, in 3 files" in out
     assert not [*folder.rglob(".airswing*")]
 
@@ -452,7 +427,7 @@ def test_the_command_writes_and_reports(folder, monkeypatch, capsys):
 @pytest.mark.parametrize("to", FORMATS)
 def test_identifiers_no_format_can_hold(tmp_path, name, to):
     with pytest.raises(InputError, match=r"identifier.*40 characters"):
-        airswing.export(corrected({"N1": 2, name: 2}), to=to, path=tmp_path / "f")
+        export(corrected({"N1": 2, name: 2}), to=to, path=tmp_path / "f")
     assert not [*tmp_path.iterdir()]
 
 
@@ -461,17 +436,17 @@ def test_identifiers_no_format_can_hold(tmp_path, name, to):
 )
 def test_a_variable_that_is_needed_is_named(tmp_path, name):
     with pytest.raises(InputError, match=name):
-        airswing.export(corrected({"N1": 2}).drop_vars(name), to="obs_domain", path=tmp_path / "f")
+        export(corrected({"N1": 2}).drop_vars(name), to="obs_domain", path=tmp_path / "f")
 
 
 @pytest.mark.parametrize("to", FORMATS)
-def test_a_full_disk_leaves_nothing(folder, to, monkeypatch, capsys):
+def test_a_full_disk_leaves_nothing(folder, to):
     write_product(corrected({"N1": 900}), folder / "out/corrected.nc", title="test")
     before = left(folder)
     largest = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, largest[1]))
     try:
-        status, _, result = call(monkeypatch, capsys, "--to", to, "-o", "new/f")
+        status, _, result = call("--to", to, "-o", "new/f")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, largest)
     assert status == 2, result

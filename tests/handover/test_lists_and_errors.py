@@ -16,80 +16,79 @@ from airswing.handover.error_tables import LEVELS, changed_table
 from airswing.handover.reject_list import read_reject_list
 from airswing.handover.wind_errors import table_error
 from airswing.products.netcdf import write_product
-from tests.conftest import ROOT
 from tests.handover import wrfda
 from tests.handover.archives import corrected
+from tests.handover.test_readers import golden
+from tests.ragged import ragged
 
 LIST = "lists/rap_current_bad_aircraft.txt"
 HEADER = ";criteria: bias_S > 2, std_S > 5, bias_DIR > 7,\n; std_DIR > 30, std_W > 5, rms_W > 7\n"
 HEADER += ";\n" * 14
 
 
-def turned(degrees, speed=20.0, *, count=300):
+def turned(degrees, speed=20.0):
     """Wind from the west turned clockwise by an angle."""
     angle = np.radians(270.0 + degrees)
-    return np.full(count, -speed * np.sin(angle)), np.full(count, -speed * np.cos(angle))
+    return np.stack([-speed * np.sin(angle), -speed * np.cos(angle)])
 
 
 def run(folder, fleet, *, pressure=50000.0):
     """A run of some aircraft: name to (degrees as reported, degrees as corrected)."""
     fleet = dict(sorted(fleet.items()))
-    sizes = dict.fromkeys(fleet, 300)
-    winds = {"eastward_wind": [], "northward_wind": []}
-    winds |= {f"corrected_{name}": [] for name in list(winds)}
-    for reported, after in fleet.values():
-        for prefix, degrees in (("", reported), ("corrected_", after)):
-            u, v = turned(degrees)
-            winds[f"{prefix}eastward_wind"].append(u)
-            winds[f"{prefix}northward_wind"].append(v)
-    ds = corrected(
-        sizes, pressure=pressure, **{name: np.concatenate(parts) for name, parts in winds.items()}
-    )
-    day = np.datetime64("2008-07-15", "ns")
+    degrees = np.repeat(np.array([*fleet.values()], float), 300, axis=0).T
+    names = ("eastward_wind", "northward_wind")
+    names = (*names, *(f"corrected_{name}" for name in names))
+    winds = dict(zip(names, np.concatenate([turned(part) for part in degrees]), strict=True))
+    ds = corrected(dict.fromkeys(fleet, 300), pressure=pressure, **winds)
     seconds = np.tile(np.arange(300) * 288, len(fleet)) * np.timedelta64(1, "s")
-    ds["time"] = ("report", day + seconds)
-    u, v = turned(0.0, count=ds.sizes["report"])
-    headings = ds.assign(
-        reference_eastward_wind=(("reference", "report"), u[None]),
-        reference_northward_wind=(("reference", "report"), v[None]),
-    ).assign_coords(reference=["ruc"])
+    ds["time"] = ("report", np.datetime64("2008-07-15", "ns") + seconds)
+    u, v = turned(np.zeros((1, seconds.size)))
+    references = {"reference_eastward_wind": u, "reference_northward_wind": v}
+    headings = ds.assign(ragged(references, reference=["ruc"]))
     ds.attrs["correction_reference"] = "ruc"
     output = '{"references": {"ruc": {}}, "pool": {}}'
     write_product(ds, folder / "corrected.nc", title="corrected", config_json=output)
     write_product(headings, folder / "headings.nc", title="headings")
-    write_product(errors(list(fleet)), folder / "observation_errors.nc", title="errors")
+    write_errors(folder, dict.fromkeys(fleet, (3.0, 1.3)))
     return folder / "corrected.nc"
 
 
-def errors(names):
-    """Errors of 1.0, 1.1, ... m/s as corrected from the ground up, twice that as reported."""
-    edges = np.array(LEVEL_EDGES_HPA) * 100.0
-    layer = np.linspace(1.0, 1.7, edges.size - 1)
-    table = np.repeat(np.stack([2.0 * layer, layer], axis=-1)[None], 4, axis=0)
-    table[2, 0] = np.nan
-    counts = np.full(table.shape[:2], 1000)
-    cell = ("flight_phase", "layer", "state")
-    return xr.Dataset(
+EDGES = np.array(LEVEL_EDGES_HPA) * 100.0
+LAYERS = np.linspace(1.0, 1.7, EDGES.size - 1)
+PHASES = ("all", "ascent", "cruise", "descent")
+
+
+def write_errors(folder, aircraft, table=None, edges=EDGES, phases=PHASES):
+    """Errors in m/s by aircraft and state, and by state, phase and layer.
+
+    The default: 1.0, 1.1, ... m/s as corrected from the ground up, twice that as reported.
+    """
+    if table is None:
+        table = np.repeat(np.stack([2.0 * LAYERS, LAYERS])[:, None], len(phases), axis=1)
+    cell, known = ("state", "flight_phase", "layer"), np.array(table)
+    known[:, 2, 0] = np.nan
+    ds = xr.Dataset(
         {
-            "observation_error": (cell, table),
-            "observation_error_filled": (cell, np.nan_to_num(table, nan=1.0)),
+            "observation_error": (cell, known),
+            "observation_error_filled": (cell, table),
             "fleet_observation_error": ("state", [2.6, 1.3]),
-            "aircraft_observation_error": (
-                ("aircraft", "state"),
-                np.tile([3.0, 1.3], (len(names), 1)),
-            ),
-            "observation_count": (cell[:2], counts),
-            "disagreement_rms": (cell, np.full(table.shape, 3.0)),
-            "median_wind_speed": ("layer", np.full(layer.size, 10.0)),
+            "aircraft_observation_error": (("aircraft", "state"), [*aircraft.values()]),
+            "observation_count": (cell[1:], np.full(known.shape[1:], 1000)),
+            "disagreement_rms": (cell, np.full(known.shape, 3.0)),
+            "median_wind_speed": ("layer", np.full(known.shape[2], 10.0)),
             "layer_bottom_pressure": ("layer", edges[:-1]),
             "layer_top_pressure": ("layer", edges[1:]),
         },
         coords={
-            "flight_phase": ["all", "ascent", "cruise", "descent"],
+            "flight_phase": list(phases),
             "state": ["reported", "corrected"],
-            "aircraft": names,
+            "aircraft": list(aircraft),
         },
     )
+    order = {"layer": slice(None, None, -1), "flight_phase": [1, 0, *range(2, len(phases))]}
+    shuffled = ds.transpose("layer", ...).isel(order)
+    (folder / "observation_errors.nc").unlink(missing_ok=True)
+    write_product(shuffled, folder / "observation_errors.nc", title="errors")
 
 
 def test_the_real_list_is_understood(real):
@@ -297,14 +296,10 @@ def test_every_export_gives_an_aircraft_the_same_error(tmp_path, aircraft_error,
     """In the middle of a layer (550 hPa), where corrections are as uncertain as each other."""
     product = run(tmp_path, {"A1": (9.0, 0.0), "B2": (1.0, 0.0)}, pressure=55000.0)
     write_fits(tmp_path)
-    known = errors(["A1", "B2"])
-    known["aircraft_observation_error"][0] = aircraft_error
-    known["aircraft_observation_error"][1] = np.nan
-    (tmp_path / "observation_errors.nc").unlink()
-    write_product(known, tmp_path / "observation_errors.nc", title="errors")
+    write_errors(tmp_path, {"A1": [aircraft_error] * 2, "B2": [np.nan] * 2})
     for to, name in (("ob_ascii", "ob"), ("jedi", "jedi/"), ("obs_errors", "obserr.txt")):
         airswing.export(product, to=to, path=f"{tmp_path}/{name}", winds=winds)
-    layer = float(known["observation_error_filled"].sel(state=winds, flight_phase="all")[4])
+    layer = LAYERS[4] * (2.0 if winds == "reported" else 1.0)
     expected = layer if np.isnan(aircraft_error) else max(aircraft_error, layer / 2.0)
     reports, _ = wrfda.read((tmp_path / "ob").read_text())
     single = {one["id"].strip(): one["levels"][0]["error"] for one in reports}
@@ -331,22 +326,9 @@ KNOWN = np.array(
 BY_AIRCRAFT = {"N1": (np.nan, np.nan), "N2": (6.0, 1.3), "N3": (1.0, 0.0), "N9": (9.0, 9.0)}
 
 
-def write_known(folder, *missing, known=KNOWN):
-    ds = xr.Dataset(
-        {
-            "observation_error_filled": (("state", "flight_phase", "layer"), known),
-            "aircraft_observation_error": (("aircraft", "state"), list(BY_AIRCRAFT.values())),
-            "layer_bottom_pressure": ("layer", [110000.0, 70000.0, 40000.0]),
-            "layer_top_pressure": ("layer", [70000.0, 40000.0, 20000.0]),
-        },
-        coords={
-            "state": ["reported", "corrected"],
-            "flight_phase": ["all", "cruise", "descent"],
-            "aircraft": list(BY_AIRCRAFT),
-        },
-    )
-    shuffled = ds.transpose("layer", ...).isel(layer=[2, 0, 1], flight_phase=[1, 0, 2])
-    write_product(shuffled.drop_vars(missing), folder / "observation_errors.nc", title="test")
+def write_known(folder, known=KNOWN):
+    phases = ("all", "cruise", "descent")
+    write_errors(folder, BY_AIRCRAFT, known, np.array([1100e2, 700e2, 400e2, 200e2]), phases)
 
 
 def errors_of(folder, ds, **choices):
@@ -360,12 +342,9 @@ def errors_of(folder, ds, **choices):
 
 
 def test_the_table_is_the_one_obsproc_gave_its_reports():
-    golden = ROOT.parent / "shared/handover/obsproc_ob.ascii"
-    if not golden.exists():
-        pytest.skip("golden file absent: ../shared/handover/obsproc_ob.ascii")
     result = [
         (level["p"][0], report["type"] == "airep", level["speed"][2])
-        for report in wrfda.read(golden.read_text())[0]
+        for report in wrfda.read(golden("obsproc_ob.ascii").read_text())[0]
         for level in report["levels"]
         if level["p"][0] > 0
     ]
@@ -426,7 +405,7 @@ def test_errors_by_hand(tmp_path, sizes, columns, winds, by_hand):
 
 @pytest.mark.parametrize("winds", ["corrected", "reported"])
 def test_a_product_without_finite_errors_is_not_named_as_source(tmp_path, winds):
-    write_known(tmp_path, known=np.full_like(KNOWN, np.nan))
+    write_known(tmp_path, np.full_like(KNOWN, np.nan))
     ds = corrected({"N1": 2}, pressure=50000.0, corrected_wind_standard_error=0.0)
     write_product(ds, tmp_path / "corrected.nc", title="test")
     result = airswing.export(

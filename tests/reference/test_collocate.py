@@ -12,6 +12,7 @@ from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import collocate, overlap, require_overlap
 from airswing.reference.grib import values
 from tests.reference.builders import LATLON, build, write
+from tests.reference.gridded.datasets import points
 
 SIZE = 176
 START = np.datetime64("2009-08-01T00:00", "ns")
@@ -33,11 +34,7 @@ def hourly(folder, hours=(0, 1, 2, 3), *, levels=(300, 500, 700)):
 
 
 def reports(hours, pressure=50000.0, latitude=50.0, longitude=20.0):
-    hours = np.atleast_1d(np.asarray(hours, dtype=float))
-    time = START + np.round(hours * 3600e9).astype("timedelta64[ns]")
-    columns = {"latitude": latitude, "longitude": longitude, "pressure": pressure}
-    data = {k: ("report", np.broadcast_to(v, hours.shape).copy()) for k, v in columns.items()}
-    return xr.Dataset({"time": ("report", time), **data})
+    return points(latitude, longitude, pressure, after=hours, start=START)
 
 
 def random_reports(count, first=-0.5, last=3.5, seed=4):
@@ -54,14 +51,21 @@ def winds(ds, catalogue, **options):
     return collocate(ds, {"m": catalogue}, **options).compute(scheduler="synchronous")
 
 
-def test_linear_in_time_between_valid_times(tmp_path):
+def test_linear_in_time_between_valid_times_with_its_slope(tmp_path):
     catalogue = hourly(tmp_path)
     hours = np.array([0.0, 0.25, 1.0, 2.75, 3.0])
-    got = winds(reports(hours), catalogue)
+    got = winds(reports(hours), catalogue, derivatives=True)
     steady = got.reference_eastward_wind.values[0] - 10 * hours
     np.testing.assert_allclose(steady, steady[0], atol=1e-6)
     np.testing.assert_allclose(got.lead_time.values[0], 0.0)
     assert got.unread_messages.values.tolist() == [0]
+    tendency = got.reference_eastward_wind_tendency[0]
+    np.testing.assert_allclose(tendency[:4], 10 / 3600, rtol=1e-6)
+    assert np.isnan(tendency[4])  # both valid times are needed
+    shear = got.reference_northward_wind_lnp_derivative[0]
+    np.testing.assert_allclose(shear, -1.0, atol=1e-5)
+    plain = winds(reports(hours), catalogue)
+    xr.testing.assert_equal(got[list(plain.data_vars)], plain)
 
 
 def test_gaps_longer_than_the_limit_are_not_bridged(tmp_path):
@@ -147,9 +151,9 @@ def test_sparse_and_whole_decoding_agree(real, tmp_path):
     folder = real("grib/wrf_ruc13_g212")
     catalogue = build_catalogue(f"{folder}/*", name="m", cache_dir=tmp_path)
     rng = np.random.default_rng(9)
-    limits = [(15000, 95000), (25, 50), (-120, -75)]
-    ds = reports(rng.uniform(0, 24, 500), *(rng.uniform(*one, 500) for one in limits))
-    ds["time"] = ds.time - START + np.datetime64("2005-08-07", "ns")
+    places = (rng.uniform(*one, 500) for one in ((25, 50), (-120, -75), (15000, 95000)))
+    start = np.datetime64("2005-08-07", "ns")
+    ds = points(*places, after=rng.uniform(0, 24, 500), start=start)
     sparse = winds(ds, catalogue, derivatives=True)
     assert np.isfinite(sparse.reference_eastward_wind).sum() > 300
     assert winds(ds, catalogue, derivatives=True, sparse=False).identical(sparse)
@@ -168,29 +172,14 @@ def test_each_message_is_read_once(tmp_path):
         assert got.decoded_messages.values.tolist() == [expected]
 
 
-def test_tendencies_need_both_valid_times(tmp_path):
-    catalogue = hourly(tmp_path)
-    got = winds(reports([0.0, 0.5, 3.0]), catalogue, derivatives=True)
-    tendency = got.reference_eastward_wind_tendency[0]
-    np.testing.assert_allclose(tendency[:2], 10 / 3600, rtol=1e-6)
-    assert np.isnan(tendency[2])
-    shear = got.reference_northward_wind_lnp_derivative[0]
-    np.testing.assert_allclose(shear, -1.0, atol=1e-5)
-    plain = winds(reports([0.0, 0.5, 3.0]), catalogue)
-    for name in plain.data_vars:
-        np.testing.assert_array_equal(plain[name], got[name])
-
-
 def test_a_vanished_and_a_replaced_file_are_counted_gaps(tmp_path):
     catalogue = hourly(tmp_path)
     ds = reports([0.5, 1.5, 2.5, 3.0])
-    before = winds(ds, catalogue)
+    before = winds(ds, catalogue).reference_eastward_wind[0]
     os.remove(tmp_path / "h01.grib")
     got = winds(ds, catalogue)
-    np.testing.assert_array_equal(np.isfinite(got.reference_eastward_wind[0]), [0, 0, 1, 1])
-    np.testing.assert_array_equal(
-        got.reference_eastward_wind[0, 2:], before.reference_eastward_wind[0, 2:]
-    )
+    expected = before.where(np.arange(4) > 1)
+    np.testing.assert_array_equal(got.reference_eastward_wind[0], expected)
     assert got.unread_messages.values.tolist() == [1]
     (tmp_path / "h03.grib").write_bytes(b"something else")
     got = winds(ds, catalogue)
@@ -198,10 +187,8 @@ def test_a_vanished_and_a_replaced_file_are_counted_gaps(tmp_path):
 
 
 def test_reports_without_a_time_or_place_get_no_value(tmp_path):
-    ds = reports([1.0, 1.0, 1.0, 1.0])
+    ds = reports(np.ones(4), [5e4, 5e4, np.nan, 5e4], [50.0, np.nan, 50.0, 50.0])
     ds["time"] = ds.time.where(np.array([False, True, True, True]))
-    ds.latitude[1] = np.nan
-    ds.pressure[2] = np.nan
     got = winds(ds, hourly(tmp_path))
     np.testing.assert_array_equal(np.isfinite(got.reference_eastward_wind[0]), [0, 0, 0, 1])
 

@@ -1,10 +1,8 @@
 """The wind of the fleet as a reference: an hour of Mode-S gives one offset an aircraft."""
 
-from pathlib import Path
-
 import numpy as np
+import pandas as pd
 import pytest
-import xarray as xr
 import yaml
 
 import airswing
@@ -15,8 +13,8 @@ from airswing.errors import ConfigError, InputError
 from airswing.flags import STATUS
 from airswing.reference.fleet_wind import fleet_wind
 from airswing.workflow.progress import Progress
+from tests.ragged import ragged
 
-MODES = Path(__file__).resolve().parents[3] / "shared/real/modes/mpm_20170111_12z_aggregated.csv"
 START = np.datetime64("2017-01-11T12:00", "ns")
 
 
@@ -58,12 +56,7 @@ def an_hour(offset, seed=1):
         "reported_heading": np.degrees(shown) % 360,
         "reported_airspeed": np.full(shown.size, speed),
     }
-    reports = xr.Dataset(
-        {"row_size": ("aircraft", np.full(aircraft, size))}
-        | {name: ("report", values) for name, values in columns.items()},
-        coords={"aircraft": [f"A{k}" for k in range(aircraft)]},
-    )
-    return reports, truth
+    return ragged(columns, np.full(aircraft, size)), truth
 
 
 def test_no_aircraft_draws_the_field_to_its_own_offset():
@@ -98,11 +91,10 @@ def test_files_and_the_fleet_exclude_each_other(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not MODES.exists(), reason=f"{MODES} is absent")
-def test_an_hour_of_mode_s_gives_an_offset_with_interval_an_aircraft(tmp_path):
-    path = tmp_path / "modes.yaml"
+def test_an_hour_of_mode_s_gives_an_offset_with_interval_an_aircraft(real, tmp_path):
+    modes, path = real("modes/mpm_20170111_12z_aggregated.csv"), tmp_path / "modes.yaml"
     config = {
-        "reports": {"files": str(MODES), "interval": "10 s"},
+        "reports": {"files": str(modes), "interval": "10 s"},
         "references": {"fleet": {"engine": "fleet"}},
         "screening": {"phases": ["ascent", "cruise", "descent", "unknown"]},
         "output": str(tmp_path / "out"),
@@ -111,9 +103,7 @@ def test_an_hour_of_mode_s_gives_an_offset_with_interval_an_aircraft(tmp_path):
     headings = workflow.make_headings(workflow.Job(load_config(path), Progress(quiet=True)))
     fits = fit_deviation(headings, min_reports=30).isel(reference=0)
     only = fits["status"].to_numpy() == STATUS["offset_only"]
-    import pandas as pd
-
-    rows = pd.read_csv(MODES).dropna(subset=["hdg", "gs_adsb"])["icao"].value_counts()
+    rows = pd.read_csv(modes).dropna(subset=["hdg", "gs_adsb"])["icao"].value_counts()
     named = fits["aircraft"].to_numpy()[only]
     often = set(rows.index[rows > 200]) & set(named)
     assert len(often) >= 45  # of the 51 that the file has; the rest turn or stand still

@@ -3,12 +3,13 @@
 import json
 from datetime import datetime
 
-import eccodes
 import numpy as np
 import pyproj
 import pytest
+from tests.reference.gridded.datasets import points, winds
 
 import airswing
+from airswing.reference.grib.headers import scan_file
 from airswing.synthetic import real_winds
 from airswing.synthetic.atmosphere import World, WorldParameters
 from airswing.synthetic.fields import (
@@ -17,6 +18,7 @@ from airswing.synthetic.fields import (
     ReferenceChange,
     build_reference,
     centred_grid,
+    sample_reference,
     write_reference,
 )
 
@@ -54,82 +56,44 @@ def test_speed_bias_acts_above_its_level_only(world):
     np.testing.assert_allclose(np.nanmean(ratio, axis=(0, 1, 3, 4)), [1, 1, 1.1, 1.1], atol=1e-3)
 
 
+def agree(model, parts, hours, start):
+    """The reader of model winds gives what the generator samples, summed over its fields."""
+    rng, grid = np.random.default_rng(2), parts[0].grid
+    lat, lon = (rng.uniform(one.min(), one.max(), 500) for one in grid.coordinates)
+    pressure = rng.uniform(parts[0].levels.min(), parts[0].levels.max(), 500)
+    hours = rng.uniform(*hours, 500)
+    expected = sum(sample_reference(one, lat, lon, pressure, hours) for one in parts)
+    reports = points(lat, lon, 100.0 * pressure, after=hours, start=np.datetime64(start))
+    found = winds(airswing.collocate(reports, {"x": model}))
+    assert np.isfinite(found[0]).mean() > 0.3
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
 @pytest.mark.parametrize(("edition", "flag"), [(1, True), (2, False)])
-def test_eccodes_reads_the_written_fields(tmp_path, edition, flag):
+def test_written_fields_are_read_as_the_generator_samples_them(tmp_path, edition, flag):
     sizes = {"columns": 14, "rows": 11, "spacing": 40635.0}
     grid = centred_grid(43.0, -86.0, **sizes, radius=GRIB_RADIUS[edition])
     wind = np.random.default_rng(2).normal(5, 20, (4, 2, 2, 11, 14)).round(1).astype(np.float32)
-    hours = np.array([22.0, 23.0, 24.0, 25.0])
+    hours, start = np.array([22.0, 23.0, 24.0, 25.0]), datetime(2009, 10, 19)
     made = GriddedReference("ruc", grid, np.array([850.0, 500.0]), hours, wind, flag)
-    write_reference(
-        tmp_path,
-        made,
-        start=datetime(2009, 10, 19),
-        edition=edition,
-        lead_hours=2,
-        times_per_file=2,
-    )
-    assert len(list(tmp_path.iterdir())) == 2
-    found = []
-    for path in sorted(tmp_path.iterdir()):
-        with path.open("rb") as source:
-            while (handle := eccodes.codes_grib_new_from_file(source)) is not None:
-                found.append(handle)
-
-    def values(name):
-        return [eccodes.codes_get(handle, name) for handle in found]
-
-    assert values("shortName") == ["u", "v"] * 8
-    assert values("level") == [850, 850, 500, 500] * 4
-    expected = {
-        "uvRelativeToGrid": int(flag),
-        "gridType": "lambert",
-        "typeOfLevel": "isobaricInhPa",
-        "radius": grid.radius,
-        "endStep": 2,
-        "editionNumber": edition,
-    }
-    assert {name: set(values(name)) for name in expected} == {k: {v} for k, v in expected.items()}
-    times = [(20091019, 2200), (20091019, 2300), (20091020, 0), (20091020, 100)]
-    dates = zip(values("validityDate"), values("validityTime"), strict=True)
-    assert list(dates) == [time for time in times for _ in range(4)]
-    stack = np.stack([eccodes.codes_get_values(handle) for handle in found])
-    order = wind.transpose(0, 2, 1, 3, 4).reshape(16, -1)
-    np.testing.assert_allclose(stack, order, atol=1e-4)
-    lat, lon = grid.coordinates
-    north, east = (eccodes.codes_get_array(found[0], k) for k in ("latitudes", "longitudes"))
-    np.testing.assert_allclose(north, lat.ravel(), atol=1e-6)
-    np.testing.assert_allclose((east + 180) % 360 - 180, lon.ravel(), atol=1e-6)
-    for handle in found:
-        eccodes.codes_release(handle)
+    options = {"start": start, "lead_hours": 2, "times_per_file": 2}
+    write_reference(tmp_path / "ruc", made, edition=edition, **options)
+    model = airswing.build_catalogue(f"{tmp_path}/ruc/*", name="x", cache_dir=tmp_path)
+    assert len(model.files) == 2 and model.grids[0].wind_along_grid is flag
+    assert set(model.leads) == {7200}
+    assert [row.edition for row in scan_file(model.files[0].path).fields] == [edition] * 8
+    agree(model, [made], (22, 25), start)
 
 
 GRIB = "grib/wrf_ruc13_g212"
 
 
-def test_the_run_is_read_as_eccodes_reads_it(real):
-    folder = real(GRIB)
-    run, error, start = real_winds.read_run(folder)
-    assert start.isoformat() == "2005-08-07T00:00:00"
-    assert run.hours.tolist() == list(range(0, 25, 3))
-    assert run.wind.shape[3:] == (129, 185)
-    with (folder / "2005080700_wrfprs_ruc13_12.tm00_G212").open("rb") as source:
-        while (handle := eccodes.codes_grib_new_from_file(source)) is not None:
-            if (eccodes.codes_get(handle, "shortName"), eccodes.codes_get(handle, "level")) == (
-                "v",
-                500,
-            ):
-                break
-            eccodes.codes_release(handle)
-    values = eccodes.codes_get_values(handle).reshape(129, 185)
-    values[values == eccodes.codes_get(handle, "missingValue")] = np.nan
-    latitude = eccodes.codes_get_array(handle, "latitudes").reshape(129, 185)
-    eccodes.codes_release(handle)
-    level = run.levels.tolist().index(500.0)
-    np.testing.assert_allclose(run.wind[4, 1, level], values, atol=1e-4)
-    np.testing.assert_allclose(run.grid.coordinates[0], latitude, atol=1e-4)
-    assert np.isnan(values).mean() == pytest.approx(0.41, abs=0.01)
-    assert 2.0 < np.nanstd(error.wind[0, 0, level]) < 3.0
+def test_a_real_run_is_read_as_the_reader_of_model_winds_reads_it(real, tmp_path):
+    run, error, start = real_winds.read_run(real(GRIB))
+    model = airswing.build_catalogue(f"{real(GRIB)}/*", name="x", cache_dir=tmp_path)
+    agree(model, [run], (0, 9), start)
+    agree(model, [run, error], (12, 12), start)  # the analysis of the next cycle
+    assert 2.0 < np.nanstd(error.wind[0, 0, run.levels.tolist().index(500.0)]) < 3.0
 
 
 @pytest.mark.slow

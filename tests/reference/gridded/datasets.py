@@ -6,6 +6,8 @@ import numpy as np
 import xarray as xr
 from pyproj import CRS, Proj
 
+from tests.ragged import ragged
+
 START = np.datetime64("2022-11-11T00:00", "ns")
 HOUR = np.timedelta64(3600, "s").astype("m8[ns]")
 LEVELS = np.array([200.0, 300.0, 500.0, 700.0, 850.0, 1000.0])  # hPa
@@ -113,13 +115,13 @@ def latlon(*, latitude, longitude, hours=2, seed=3):
     )
 
 
-def points(lat, lon, pressure, *, after=0.0):
-    """Reports, `after` hours after the first time."""
-    columns = np.broadcast_arrays(*(np.asarray(one, dtype=float) for one in (lat, lon, pressure)))
-    names = ("latitude", "longitude", "pressure")
-    found = {name: ("report", one.ravel()) for name, one in zip(names, columns, strict=True)}
-    when = START + np.timedelta64(round(after * 3600e9), "ns")
-    return xr.Dataset(found | {"time": ("report", np.full(columns[0].size, when))})
+def points(lat, lon, pressure, *, after=0.0, start=START):
+    """Reports, `after` hours after a first time."""
+    columns = np.broadcast_arrays(lat, lon, pressure, np.atleast_1d(after))
+    names = ("latitude", "longitude", "pressure", "after")
+    found = {name: one.astype(float) for name, one in zip(names, columns, strict=True)}
+    after = np.round(found.pop("after") * 3600e9).astype("timedelta64[ns]")
+    return ragged(found | {"time": start.astype("M8[ns]") + after})
 
 
 def by_hand(u, v, levels, fi, fj, pressure):

@@ -3,13 +3,12 @@
 import netCDF4
 import numpy as np
 import pytest
-import xarray as xr
 from benchmarks.fuzz.seeds import make_dataset_seeds
 
 import airswing
 from airswing.errors import LONGEST, InputError
 from tests.reference.builders import LATLON, build, write
-from tests.reference.gridded.datasets import latlon, projected, winds
+from tests.reference.gridded.datasets import latlon, points, projected, winds
 
 
 def base():
@@ -106,12 +105,9 @@ def seeds(tmp_path_factory):
 
 def found(path, cache):
     """Catalogue of a file, and u at 40 places on two levels."""
-    when = np.datetime64("2009-09-16T09:00", "ns")
-    rng = np.random.default_rng(1)
-    columns = {"time": np.full(40, when), "latitude": rng.uniform(40.0, 45.0, 40)}
-    columns |= {"longitude": rng.uniform(-90.0, -85.0, 40)}
-    columns |= {"pressure": np.repeat([60_000.0, 70_000.0], 20)}
-    reports = xr.Dataset({name: ("report", values) for name, values in columns.items()})
+    rng, when = np.random.default_rng(1), np.datetime64("2009-09-16T09:00")
+    places = rng.uniform(40.0, 45.0, 40), rng.uniform(-90.0, -85.0, 40)
+    reports = points(*places, np.repeat([60_000.0, 70_000.0], 20), start=when)
     model = airswing.build_catalogue(str(path), name="m", cache_dir=cache)
     return model, winds(airswing.collocate(reports, {"m": model}))[0]
 

@@ -25,12 +25,20 @@ from tests.reference.gridded.test_layouts import LAT, LON, P, base, check
 SIZE = LATLON["Ni"] * LATLON["Nj"]
 
 
+def inside(model):
+    """Reports within the grid of GRIB files."""
+    return points(LAT, LON + 5.0, P, start=model.times[0])
+
+
 def at_first_time(model, *, chunks=None):
-    """Winds within the grid of GRIB files."""
-    reports = points(LAT, LON + 5.0, P)
-    reports["time"] = ("report", np.full(P.size, model.times[0]))
-    reports = reports if chunks is None else reports.chunk(report=chunks)
+    reports = inside(model) if chunks is None else inside(model).chunk(report=chunks)
     return np.array(winds(airswing.collocate(reports, {"x": model})))
+
+
+def write_pairs(path, levels, values=None, *, keys=LATLON):
+    """A GRIB file of u and v of the same values on some levels."""
+    messages = [build(keys, values, parameter=p, level=n) for n in levels for p in "uv"]
+    return write(path, *messages)
 
 
 @pytest.mark.parametrize("levels_far", [(300, 900), (200, 300, 500, 900)])
@@ -38,16 +46,11 @@ def test_of_two_grids_the_one_around_the_reports_is_used(levels_far, tmp_path):
     """Also if the other grid has more levels."""
     far = {**LATLON, "latitudeOfFirstGridPointInDegrees": -20.0}
     far |= {"latitudeOfLastGridPointInDegrees": -40.0}
-    for order in ((far, LATLON), (LATLON, far)):
-        messages = [
-            build(keys, np.full(SIZE, 1.0 if keys is far else 7.0), parameter=p, level=level)
-            for keys in order
-            for level in (levels_far if keys is far else (300, 900))
-            for p in "uv"
-        ]
-        model = build_catalogue(
-            write(tmp_path / "x", *messages), name="x", cache_dir=tmp_path / "c"
-        )
+    write_pairs(tmp_path / "0", levels_far, np.full(SIZE, 1.0), keys=far)
+    write_pairs(tmp_path / "1", (300, 900), np.full(SIZE, 7.0))
+    parts = [(tmp_path / name).read_bytes() for name in "01"]
+    for order in (parts, parts[::-1]):
+        model = build_catalogue(write(tmp_path / "x", *order), name="x", cache_dir=tmp_path / "c")
         assert any("grids" in note for note in model.notes)
         for chunks in (None, 1):
             np.testing.assert_allclose(at_first_time(model, chunks=chunks), 7.0)
@@ -117,7 +120,7 @@ def test_ecmwf_model_levels(surface, tmp_path):
 
 
 def test_keys_for_grib_are_honoured_or_refused_by_name(tmp_path):
-    path = write(tmp_path / "x", *(build(LATLON, parameter=p) for p in "uv"))
+    path = write_pairs(tmp_path / "x", [500])
     for naming in ({"u": "U"}, {"units": {"u": "kt"}}, {"level": "lev"}, {"projection": "+proj=x"}):
         (key,) = naming
         with pytest.raises(InputError, match=rf"references\.x\.{key}: this key does not apply"):
@@ -133,9 +136,7 @@ def test_compressed_files_are_read(opener, kind, tmp_path):
     if kind == "netcdf":
         base().to_netcdf(plain)
     else:
-        values = np.arange(SIZE) / 10.0
-        levels = [(n, p) for n in (300, 900) for p in "uv"]
-        write(plain, *(build(LATLON, values, parameter=p, level=n) for n, p in levels))
+        write_pairs(plain, (300, 900), np.arange(SIZE) / 10.0)
     packed = tmp_path / "packed.gz"
     with opener(packed, "wb") as file:
         file.write(plain.read_bytes())
@@ -152,16 +153,12 @@ def test_compressed_files_are_read(opener, kind, tmp_path):
 
 def test_more_compressed_files_than_are_kept_are_read_by_threads(tmp_path):
     """One field a file, as weather services give them; copies are removed when others come."""
-    values = np.arange(SIZE) / 10.0
     for level in (200, 300, 500, 700, 850, 900):
         for parameter in "uv":
-            message = build(LATLON, values, parameter=parameter, level=level)
+            message = build(LATLON, np.arange(SIZE) / 10.0, parameter=parameter, level=level)
             (tmp_path / f"{parameter}_{level}.grib2.bz2").write_bytes(bz2.compress(message))
     model = build_catalogue(str(tmp_path / "*.bz2"), name="x", cache_dir=tmp_path / "c")
-    reports = points(LAT, LON + 5.0, P)
-    reports["time"] = ("report", np.full(P.size, model.times[0]))
-    models = {f"x{number}": model for number in range(6)}
-    lazy = airswing.collocate(reports, models)
+    lazy = airswing.collocate(inside(model), {f"x{number}": model for number in range(6)})
     u = lazy.compute(scheduler="threads", num_workers=6)["reference_eastward_wind"]
     assert np.isfinite(u).all()
 
@@ -268,8 +265,11 @@ def test_files_of_a_web_server_need_no_optional_package(tmp_path):
 
 
 def test_winds_alone_at_places_without_reported_winds(tmp_path):
+    def command(*words):
+        return CliRunner().invoke(cli.app, [*map(str, words)])
+
     base().to_netcdf(tmp_path / "era5.nc")
-    shown = CliRunner().invoke(cli.app, ["inspect", str(tmp_path / "era5.nc")])
+    shown = command("inspect", tmp_path / "era5.nc")
     assert shown.exit_code == 0 and "6 pressure levels, 200 to 1000 hPa" in shown.output
     columns = {"tail": list("ABC"), "time": "2022-11-11T00:20Z", "pressure_hPa": 400.0}
     table = pd.DataFrame(columns | {"latitude": LAT, "longitude": LON})
@@ -281,12 +281,11 @@ def test_winds_alone_at_places_without_reported_winds(tmp_path):
     }
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(config))
-    refused = CliRunner().invoke(cli.app, ["collocate", str(path)])
-    assert "for model winds alone" in str(refused.exception)
+    assert "for model winds alone" in str(command("collocate", path).exception)
     unknown = {name: {"value": np.nan} for name in ("wind_direction_deg", "wind_speed_kt")}
     config["reports"] |= {"columns": unknown}
     path.write_text(yaml.safe_dump(config))
-    shown = CliRunner().invoke(cli.app, ["collocate", str(path)])
+    shown = command("collocate", path)
     assert shown.exit_code == 0 and "only model winds at the reports" in shown.output
     found = airswing.open_product(tmp_path / "results" / "headings")
     assert np.isfinite(found["reference_eastward_wind"]).all() and np.isnan(found["heading"]).all()
@@ -303,8 +302,7 @@ def wrf_winds(ds, folder):
     model = build_catalogue(str(path), name="wrf")
     names = ("XLAT", "XLONG") if "XLAT" in ds else ("XLAT_M", "XLONG_M")
     lat, lon = (ds[n].values[0, [20, 25, 28], [18, 24, 30]] + 0.02 for n in names)
-    reports = points(lat, lon, LOW)
-    reports["time"] = ("report", np.full(3, model.times[0]))
+    reports = points(lat, lon, LOW, start=model.times[0])
     return np.array(winds(airswing.collocate(reports, {"wrf": model})))
 
 

@@ -11,10 +11,6 @@ from tests.reference.gridded.datasets import by_hand, points, turned, winds
 RNG = np.random.default_rng(5)
 
 
-def at(when, lat, lon, p):
-    return points(lat, lon, p).assign(time=("report", np.full(lat.size, when.astype("M8[ns]"))))
-
-
 def test_wrf_pythons_own_winds_and_pressure(real):
     """wrf-python's ua, va turned (uvmet) and pressure, at the grid points of its file."""
     path = real("models/wrfpython_ci_test_file.nc")
@@ -30,7 +26,7 @@ def test_wrf_pythons_own_winds_and_pressure(real):
         p = np.sqrt(pressure[k, j, i] * pressure[k - 1, j, i])
         lat, lon = (answers[n].values[j, i].astype(float) for n in ("lat", "lon"))
         expected = [(one[k, j, i] + one[k - 1, j, i]) / 2.0 for one in answers.uvmet.values]
-    reports = at(np.datetime64(text.replace("_", "T")), lat, lon, p)
+    reports = points(lat, lon, p, start=np.datetime64(text.replace("_", "T")))
     found = airswing.collocate(reports, {"wrf": airswing.build_catalogue(str(path), name="wrf")})
     # XLAT and XLONG are of single precision: 0.3 m of 10 km in a hurricane.
     np.testing.assert_allclose(winds(found), expected, atol=5e-3)
@@ -55,7 +51,8 @@ def test_meps_hybrid_levels_by_hand(real):
     angle = np.radians(np.asarray(proj.get_factors(lon, lat).meridian_convergence))
     model = airswing.build_catalogue(str(path), name="meps", member=number)
     assert any("standard_name" in note for note in model.notes)
-    found = airswing.collocate(at(np.datetime64("2017-05-22T06"), lat, lon, p), {"m": model})
+    reports = points(lat, lon, p, start=np.datetime64("2017-05-22T06"))
+    found = airswing.collocate(reports, {"m": model})
     expected = turned(*along, angle)
     assert np.isfinite(expected[0]).all()
     np.testing.assert_allclose(winds(found), expected, atol=1e-3)
@@ -83,10 +80,8 @@ def test_pressure_levels_by_hand(name, u, v, dims, real):
     fi, fj = RNG.uniform(0, lon.size - 1, 300), RNG.uniform(0, lat.size - 1, 300)
     p = np.exp(RNG.uniform(np.log(level.min()), np.log(level.max()), 300))
     where = np.interp(fj, range(lat.size), lat), np.interp(fi, range(lon.size), lon)
-    found = airswing.collocate(
-        at(when, where[0], where[1] - 360.0 * RNG.integers(0, 2, 300), p),
-        {"m": airswing.build_catalogue(str(path), name="m")},
-    )
+    reports = points(where[0], where[1] - 360.0 * RNG.integers(0, 2, 300), p, start=when)
+    found = airswing.collocate(reports, {"m": airswing.build_catalogue(str(path), name="m")})
     np.testing.assert_allclose(winds(found), by_hand(one, two, level, fi, fj, p), atol=1e-3)
 
 
@@ -101,7 +96,7 @@ def test_pressure_levels_by_hand(name, u, v, dims, real):
 def test_the_scanner_and_cfgrib_give_the_same_winds(name, when, box, real, tmp_path):
     """Many cycles and leads in one GRIB file; a Lambert grid whose winds point along it."""
     lat, lon = RNG.uniform(*box[:2], 200), RNG.uniform(*box[2:], 200)
-    reports = at(np.datetime64(when), lat, lon, RNG.uniform(31000, 99000, 200))
+    reports = points(lat, lon, RNG.uniform(31000, 99000, 200), start=np.datetime64(when))
     options = {"name": "m", "cache_dir": tmp_path}
     models = {
         engine: airswing.build_catalogue(str(real(name)), engine=engine, **options)
@@ -121,7 +116,8 @@ def test_a_lambert_grid_as_cfgrib_opens_it(real, tmp_path):
     options = [{"indexpath": "", "filter_by_keys": one} for one in keys]
     parts = [xr.open_dataset(path, engine="cfgrib", backend_kwargs=one) for one in options]
     lat, lon = RNG.uniform(25, 45, 200), RNG.uniform(-120, -80, 200)
-    reports = at(np.datetime64("2018-09-17"), lat, lon, RNG.uniform(21000, 99000, 200))
+    pressure = RNG.uniform(21000, 99000, 200)
+    reports = points(lat, lon, pressure, start=np.datetime64("2018-09-17"))
     scanned = airswing.build_catalogue(path, name="o", cache_dir=tmp_path)
     found = airswing.collocate(
         reports, {"o": scanned, "d": xr.merge(parts, compat="override")}
