@@ -125,7 +125,7 @@ GROUPS |= {"corrected": ["S1"], "controls": ["S2", "S3"]}
 CONFIGURATIONS = {
     "wrong unit": (
         {"reports": {"files": "r.csv", "columns": {"ff": {"name": "wind_speed_kt", "unit": "kg"}}}},
-        ("config.yaml", "reports.columns.ff", "kg", "m/s"),
+        ("config.yaml: reports.columns.ff", "kg", "m/s"),
     ),
     "empty glob": (
         {"reports": {"files": "none/*.csv"}},

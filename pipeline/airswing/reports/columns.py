@@ -302,7 +302,12 @@ def sources(names: Iterable[str], mapping: Mapped) -> dict[str, Source]:
             column, *parts = (by_stripped[name] for name in (source.column, *source.parts))
             source = replace(source, column=column, parts=tuple(parts))
         found[variable] = source
-    taken = {column for source in found.values() for column in source.columns}
+    taken = {
+        column
+        for variable, source in found.items()
+        if not variable.startswith(ONLY)  # a column that selects reports is read too
+        for column in source.columns
+    }
     for stripped, name in by_stripped.items():
         if name in taken:
             continue

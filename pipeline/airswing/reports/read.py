@@ -10,8 +10,9 @@ import glob
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -117,50 +118,45 @@ def read_reports(
     >>> reports["aircraft"].values.tolist()
     ['N401', 'N402', 'N403']
     """
-    parts, audit = _read_all(files, format, columns, on_bad_file)
+    parts, audit = read_each(files, format, columns, on_bad_file)
     reports = assemble(parts, interval=interval, audit=audit)
     audit.similar_tails = similar(reports["aircraft"].to_numpy().tolist())
     return reports.assign_attrs(reading_audit=audit.as_json())
 
 
-def _read_all(
+def read_each(
     files: str | Path | Sequence[str | Path],
     format: str,
     columns: ColumnMapping | None,
     on_bad_file: str,
-) -> tuple[list[pd.DataFrame], Audit]:
+    read: Callable[[Path], tuple[Any, Audit]] | None = None,
+) -> tuple[list[Any], Audit]:
+    """Results of :func:`read_file`, or of ``read``, for every file, and the sum of the counts.
+
+    Options as of :func:`read_reports`. Files that cannot be read are listed, or refused (policy
+    "fail"). InputError if none can be read or no report is usable.
+    """
     _require_format(format)
     parse_mapping(columns)  # refused before a file is opened
-    parts = []
-
-    def read(path: Path) -> Audit:
-        part, counts = read_file(path, format=format, columns=columns)
-        parts.append(part)
-        return counts
-
-    return parts, read_each(expand(files), read, on_bad_file)
-
-
-def read_each(paths: list[Path], read: Callable[[Path], Audit], on_bad_file: str) -> Audit:
-    """Read files by a function that returns the counts of one; the sum of their counts.
-
-    Files that cannot be read are listed, or refused (policy "fail"). InputError if none can be read
-    or no report is usable.
-    """
+    read = read or partial(read_file, format=format, columns=columns)
+    found, paths = [], expand(files)
     audit, errors = Audit(), []
     for path in paths:
         try:
-            audit.add(read(path))
+            result, counts = read(path)
         except InputError as error:
             if on_bad_file == "fail" or len(paths) == 1:
                 raise
             errors.append(error)
             audit.files_skipped.append({"file": str(path), "reason": str(error)})
+        else:
+            found.append(result)
+            audit.add(counts)
     if len(errors) == len(paths):
         what = f"none of the {len(errors)} report files can be read; the first: {errors[0]}"
         raise InputError(what, field="reports.files")
     if audit.kept:
-        return audit
+        return found, audit
     reasons = ", ".join(
         f"{reason} {n}{audit.likely(reason.removesuffix('_out_of_range'))}"
         for reason, n in audit.dropped.most_common()
@@ -196,7 +192,7 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
     InputError
         The file cannot be read or holds no usable report.
     """
-    parts, audit = _read_all(path, "auto", columns, "fail")
+    parts, audit = read_each(path, "auto", columns, "fail")
     frame = pd.concat(parts, ignore_index=True)
     measured = ["pressure", "eastward_wind", "air_temperature", "reported_airspeed"]
     there = frame[[*measured, "reported_heading"]].notna()

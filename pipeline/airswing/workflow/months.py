@@ -34,7 +34,7 @@ from airswing.reference.catalogue import Catalogue, build_catalogue, is_lost_fil
 from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate, overlap, require_overlap
 from airswing.reference.fleet_wind import fleet_wind
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, tally, unread
-from airswing.reports import Audit, assemble, expand, read_file
+from airswing.reports import Audit, assemble, read_file
 from airswing.reports.audit import similar
 from airswing.reports.read import read_each
 from airswing.workflow.job import CORRECTED, HEADINGS, Job
@@ -113,24 +113,26 @@ class ReportArchive:
         self._asked = job.config.reports
         self._frames: dict[str, pd.DataFrame] = {}
         self.bytes_read = 0
-        self.files: dict[str, dict[str, Any]] = {}  # record of each, also for the next run
         key = fingerprint(self._asked.model_dump(exclude={"files"}), code_digest())
         note = read_note(job.notes / "reports.json")
         noted = note["files"] if note.get("key") == key else {}
 
-        def counts(path: Path) -> Audit:
+        def record(path: Path) -> tuple[tuple[str, dict[str, Any]], Audit]:
             status, name = path.stat() if path.exists() else path.lstat(), str(path)
             identity = [status.st_size, status.st_mtime_ns]
-            record = noted.get(name, {})
-            if record.get("identity") != identity:
+            found = noted.get(name, {})
+            if found.get("identity") != identity:
                 audit, frame = self._read(name).as_dict(), self._frames[name]
-                record = {"identity": identity, "audit": audit, "days": _days_of(frame)}
-                record["tails"] = frame["tail"].unique().tolist()
+                found = {"identity": identity, "audit": audit, "days": _days_of(frame)}
+                found["tails"] = frame["tail"].unique().tolist()
                 self.bytes_read += status.st_size
-            self.files[name] = record
-            return Audit.from_dict(record["audit"])
+            return (name, found), Audit.from_dict(found["audit"])
 
-        self.audit = read_each(expand(self._asked.files), counts, self._asked.on_bad_file)
+        asked = self._asked
+        records, self.audit = read_each(
+            asked.files, asked.format, asked.mapping, asked.on_bad_file, record
+        )
+        self.files: dict[str, dict[str, Any]] = dict(records)  # also for the next run
         if (test := job.config.field_test) is not None:
             self._require_aircraft([*test.corrected, *test.controls])
         write_json(job.notes / "reports.json", {"key": key, "files": self.files})

@@ -131,6 +131,9 @@ def test_forms_of_a_mapping(tmp_path):
     assert str(ds["time"].values[1])[:19] == "2009-07-01T12:03:00"
     only = read_reports(path, columns={**columns, "kind": {"only": ["A"]}})
     assert audit_of(only)["dropped"] == {"not_wanted": 1}
+    plain = write(tmp_path / "b.csv", [row(tail="N1"), row(tail="N2")])
+    only = read_reports(plain, columns={"tail": {"only": ["N1"]}})
+    assert only["aircraft"].values.tolist() == ["N1"]
     with pytest.raises(InputError, match="stream: the mapped column is not in the file"):
         read_reports(path, columns={**columns, "stream": {"only": "A"}})
 
