@@ -475,12 +475,10 @@ def decode_flags(
     meanings, words = _CODES[flag]
     codes = {code: meanings[word] for word, known in words.items() for code in known.split()}
     codes[""] = meanings[next(iter(words))]
-    index, labels = pd.factorize(np.asarray(values, dtype=object), use_na_sentinel=True)
-    texts = [*(str(label).strip() for label in labels), ""]  # the last is that of absent values
-    counts = np.bincount(np.where(index < 0, len(labels), index), minlength=len(texts))
-    flags = np.array([codes.get(text.upper(), codes[""]) for text in texts], dtype=np.int8)
-    for text, count in zip(texts, counts.tolist(), strict=True):
-        if count:
-            audit.codes(name, {text or "blank": count})
-            audit.repair(f"{name}_unknown_code", 0 if text.upper() in codes else count)
-    return np.asarray(flags[index], dtype=np.int8)
+    index, labels = pd.factorize(np.asarray(values, dtype=object))
+    text = pd.Series([*(str(label).strip() for label in labels), ""])  # the last of absent values
+    flags = text.str.upper().map(codes)
+    counts = text.replace("", "blank").iloc[index].value_counts()
+    audit.codes(name, {str(code): int(number) for code, number in counts.items()})
+    audit.repair(f"{name}_unknown_code", flags.isna().iloc[index].sum())
+    return np.asarray(flags.fillna(codes[""]), dtype=np.int8)[index]
