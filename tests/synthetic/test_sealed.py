@@ -25,6 +25,7 @@ from airswing.synthetic.sealed.cases import ALIKE, OUTSIDE_SHAPES, RUNGS, Case, 
 from airswing.synthetic.sealed.cases import plan_cases as plan
 from airswing.synthetic.sealed.draws import START, Drawn, World, draw_effect
 from airswing.synthetic.sealed.sealed_archives import Archivist, write_model_case
+from airswing.units import KNOT
 
 TAILS = World(0, "default", 45, 14).tails
 DRAWS = draws()
@@ -40,16 +41,12 @@ def plan_cases(*args, **options):
     return plan(*args, draws=DRAWS, **options)
 
 
-@pytest.fixture(scope="module")
-def planned():
-    return plan_cases(240, seed=3, size=Size())
-
-
 def nulls_of(planned):
     return [case.world for case in planned if case.kind == "null"]
 
 
-def test_plan_deals_rungs_nulls_and_effects_evenly(planned):
+def test_the_plan_deals_rungs_nulls_and_effects_evenly_and_follows_from_its_seed():
+    planned = plan_cases(240, seed=3, size=Size())
     rungs = Counter(case.rung for case in planned)
     assert rungs == {rung: round(240 * share) for rung, share in RUNGS.items()}
     for rung, count in rungs.items():
@@ -57,6 +54,11 @@ def test_plan_deals_rungs_nulls_and_effects_evenly(planned):
     singles = Counter(case.drawn[0].name for case in planned if case.rung == 1 and case.drawn)
     assert set(singles) == set(DRAWS)
     assert max(singles.values()) - min(singles.values()) <= 1
+    short = [case for case in planned if case.world.kind == "short"]
+    assert {case.world.days for case in short} == {14, 15}
+    assert {"null", "single", "outside"} <= {case.kind for case in short}
+    assert planned == plan_cases(240, seed=3, size=Size())
+    assert planned != plan_cases(240, seed=6, size=Size())
 
 
 @pytest.mark.parametrize("options", [{"rungs": (1,)}, {"rungs": (1, 2)}, {}, {"nulls": 60}])
@@ -64,14 +66,6 @@ def test_no_two_nulls_are_the_same_archive(options):
     nulls = nulls_of(plan_cases(100, seed=4, size=Size(), **options))
     assert len(set(nulls)) == len(nulls) == options.get("nulls", len(nulls)) > 20
     assert not nulls_of(plan_cases(20, seed=5, size=Size(), nulls=0))
-
-
-def test_the_plan_follows_from_its_seed_and_has_short_worlds(planned):
-    assert planned == plan_cases(240, seed=3, size=Size())
-    assert planned != plan_cases(240, seed=6, size=Size())
-    short = [case for case in planned if case.world.kind == "short"]
-    assert {case.world.days for case in short} == {14, 15}
-    assert {"null", "single", "outside"} <= {case.kind for case in short}
 
 
 @pytest.mark.parametrize("name", DRAWS)
@@ -85,30 +79,23 @@ def test_the_generator_takes_every_draw(name):
         assert known is None or set(chosen["parameters"]) <= known
 
 
-KNOT = 1852.0 / 3600.0
 RNG = np.random.default_rng(0)
 
 
-def part(variable="hour", shape="sector", at=0.25, width=0.1):
+def part(variable, shape, at, width):
     return {"variable": variable, "shape": shape, "at": at, "width": width}
 
 
-def effect(parts, component="across_wind", size=1.0, sign=1.0):
-    return {"parts": parts, "component": component, "size_m_s": size, "sign": sign}
-
-
 def test_shapes_of_a_variable_that_turns_by_hand():
-    hours = {"hour": np.array([0.0, 3.5, 4.0, 6.0, 8.0, 8.5, 23.0])}
-    sector = part_values(part("hour", "sector", at=0.25, width=0.1), hours)  # 6 h +- 2.4 h
-    assert sector.tolist() == [0, 0, 1, 1, 1, 0, 0]
-    round_midnight = part_values(part("hour", "sector", at=0.0, width=0.05), hours)
-    assert round_midnight.tolist() == [1, 0, 0, 0, 0, 0, 1]
-    bump = part_values(part("hour", "bump", at=0.25, width=1 / 12), hours)  # sd of 2 h
-    assert bump[3] == 1.0 and bump[4] == pytest.approx(np.exp(-0.5))
-    saw = part_values(
-        part("hour", "saw", at=0.0, width=0.5), {"hour": np.array([0.0, 6.0, 11.999])}
-    )
-    assert saw == pytest.approx([-1.0, 0.0, 1.0], abs=1e-3)
+    def values(hours, *shape):
+        return part_values(part("hour", *shape), {"hour": np.array(hours)})
+
+    hours = [0.0, 3.5, 4.0, 6.0, 8.0, 8.5, 23.0]
+    assert values(hours, "sector", 0.25, 0.1).tolist() == [0, 0, 1, 1, 1, 0, 0]  # 6 h +- 2.4 h
+    assert values(hours, "sector", 0.0, 0.05).tolist() == [1, 0, 0, 0, 0, 0, 1]
+    bump = values([6.0, 8.0], "bump", 0.25, 1 / 12)  # sd of 2 h
+    assert bump == pytest.approx([1.0, np.exp(-0.5)])
+    assert values([0.0, 6.0, 11.999], "saw", 0.0, 0.5) == pytest.approx([-1.0, 0.0, 1.0], abs=1e-3)
 
 
 def surroundings(n=4000, seed=0):
@@ -138,8 +125,8 @@ def surroundings(n=4000, seed=0):
 def test_every_component_has_the_stated_size_where_it_acts_and_its_direction(component):
     variables, u, v = surroundings()
     chosen = np.arange(u.size) % 2 == 0
-    one = effect([part("hour", "sector", at=0.3, width=0.2)], component, size=0.4)
-    change = effect_change(one, u, v, variables, chosen, RNG)
+    one = {"parts": [part("hour", "sector", 0.3, 0.2)], "component": component}
+    change = effect_change(one | {"size_m_s": 0.4, "sign": 1.0}, u, v, variables, chosen, RNG)
     acts = np.any(change != 0, axis=1)
     assert not acts[~chosen].any() and acts.any()
     assert np.sqrt((change[acts] ** 2).sum(1).mean()) == pytest.approx(0.4, rel=0.02)
@@ -205,24 +192,25 @@ def test_named_effects_explain_iron_and_not_a_sector_of_wind():
     across = np.stack([np.cos(variables["heading"]), -np.sin(variables["heading"])], -1)
     iron = (variables["airspeed"] * 0.01 * np.sin(variables["magnetic_heading"] + 0.7))[:, None]
     assert named_share(iron * across, variables, u, v, aircraft) == pytest.approx(1.0, abs=1e-9)
-    turned = effect([part("wind_direction", "sector", at=0.7, width=0.05)], "direction")
+    turned = {"parts": [part("wind_direction", "sector", 0.7, 0.05)], "component": "direction"}
+    turned |= {"size_m_s": 1.0, "sign": 1.0}
     change = effect_change(turned, u, v, variables, aircraft < 2, RNG)
     assert named_share(change, variables, u, v, aircraft) < MOST_NAMED
     assert named_share(np.zeros_like(change), variables, u, v, aircraft) == 0.0
 
 
 TINY = World(3, "default", 3, 3, coarse=True)
-KNOT = 1852.0 / 3600.0
 
 
-def drawn(name, tails, **parameters):
-    one = {"name": name, "tails": tails, "parameters": parameters, "period": None}
-    return Drawn(name, (one,), CATALOGUE[name].draw)
+def drawn(name, **parameters):
+    """A drawn effect of the whole fleet."""
+    one = {"name": name, "tails": None, "parameters": parameters, "period": None}
+    return Drawn(name, (one,), *([CATALOGUE[name].draw] if name in CATALOGUE else []))
 
 
 def test_the_true_closure_is_that_of_the_twin_without_the_effect(tmp_path):
     archivist = Archivist(tmp_path)
-    effect = drawn("tas_offset", None, offset_m_s=1.0)
+    effect = drawn("tas_offset", offset_m_s=1.0)
     label = archivist.write(Case("case_1", 1, "single", TINY, (effect,), (3.0,)))
     options = archives.generator_options(TINY)
     with_it = simulate_arrays(effects=label["effects"], **options)
@@ -235,31 +223,14 @@ def test_the_true_closure_is_that_of_the_twin_without_the_effect(tmp_path):
 
 
 def test_an_outside_case_takes_the_first_draw_that_no_name_explains(tmp_path):
-    def one(part, component="across_heading"):
-        parameters = {
-            "component": component,
-            "parts": [part],
-            "shape": part["shape"],
-            "size_m_s": 1.5,
-            "sign": 1.0,
-        }
-        effect = {"name": "outside", "tails": None, "parameters": parameters, "period": None}
-        return Drawn("outside", (effect,))
+    def one(*shape, component="across_heading"):
+        parts = {"parts": [part(*shape)], "shape": shape[1]}
+        return drawn("outside", component=component, size_m_s=1.5, sign=1.0, **parts)
 
-    always = {"variable": "airspeed", "shape": "hinge", "at": 0.0, "width": 0.1}
-    cycle = {"variable": "magnetic_heading", "shape": "linear", "at": 0.3, "width": 0.1}
-    saw = {"variable": "hour", "shape": "saw", "at": 0.1, "width": 0.26}
-    case = Case(
-        "case_1",
-        4,
-        "outside",
-        TINY,
-        (one(cycle),),
-        (1.5,),
-        (),
-        "saw",
-        (one(always, "along_heading"), one(saw)),
-    )
+    always = one("airspeed", "hinge", 0.0, 0.1, component="along_heading")
+    cycle = one("magnetic_heading", "linear", 0.3, 0.1)
+    saw = one("hour", "saw", 0.1, 0.26)
+    case = Case("case_1", 4, "outside", TINY, (cycle,), (1.5,), (), "saw", (always, saw))
     label = Archivist(tmp_path).write(case)
     truth = label["outside"]
     assert truth["variables"] == ["hour"] and truth["named_share"] < 0.35
