@@ -1,5 +1,7 @@
 """Layouts of Datasets in use: each gives the winds of the same Dataset in its plain form."""
 
+from functools import partial
+
 import cftime
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import xarray as xr
 
 import airswing
 from airswing.errors import InputError
-from tests.reference.gridded.datasets import HOUR, LEVELS, START, latlon, points, projected, winds
+from tests.reference.gridded.datasets import HOUR, START, latlon, points, projected, winds
 
 LAT, LON = np.array([45.3, 50.1, 55.7]), np.array([3.3, 8.8, 12.1])
 P = np.array([33000.0, 52000.0, 81000.0])
@@ -15,6 +17,7 @@ EXPECTED = np.array(
     [LON - 0.5 * LAT + 3 * np.log(P / 100), -LON + 0.25 * LAT - 2 * np.log(P / 100)]
 )
 PER_HOUR = 7.0  # m/s, change of u and v
+NORTH = {"units": "degrees_north"}
 
 
 def base():
@@ -46,15 +49,11 @@ def check(ds, after=0.0, **options):
 def shifted(x=0.0, y=0.0, *, flip=False):
     """v on points shifted by part of a grid length, under coordinates of other names."""
     ds = base()
-    v = ds.v.interp(
-        longitude=ds.longitude.values + x,
-        latitude=ds.latitude.values + y,
-        kwargs={"fill_value": "extrapolate"},
-    )
+    at = {"longitude": ds.longitude.values + x, "latitude": ds.latitude.values + y}
+    v = ds.v.interp(at, kwargs={"fill_value": "extrapolate"})
     v = v.isel(latitude=slice(None, None, -1)) if flip else v
     v = v.rename(longitude="longitude_v", latitude="latitude_v")
-    for name in ("longitude", "latitude"):
-        v[f"{name}_v"].attrs = {"units": f"degrees_{'east' if name == 'longitude' else 'north'}"}
+    v["longitude_v"].attrs, v["latitude_v"].attrs = {"units": "degrees_east"}, NORTH
     return ds.drop_vars("v").assign(v=v.assign_attrs(ds.v.attrs))
 
 
@@ -69,12 +68,10 @@ def times(values, **attrs):
 
 def radians():
     ds = base()
-    return ds.assign_coords(
-        {
-            name: (name, np.radians(ds[name].values), {"units": "radian", "standard_name": name})
-            for name in ("latitude", "longitude")
-        }
-    )
+    for name in ("latitude", "longitude"):
+        attrs = {"units": "radian", "standard_name": name}
+        ds = ds.assign_coords({name: (name, np.radians(ds[name].values), attrs)})
+    return ds
 
 
 def filled():
@@ -157,54 +154,56 @@ def cds_new():
     return ds.assign_coords(number=((), 0), expver=("valid_time", np.array(["0001", "0001"])))
 
 
-def renamed(attrs, **names):
-    """The Dataset under other names, with other attributes by new name."""
-    ds = base().rename({"latitude": "lat", "longitude": "lon", "level": "lev"} | names)
+def renamed(attrs, level="lev", *, north_up=True, pascals=False, **names):
+    """The Dataset under other names, with attributes replaced by new name."""
+    ds = base().rename({"latitude": "lat", "longitude": "lon", "level": level} | names)
+    ds = ds if north_up else ds.isel({level: slice(None, None, -1), "lat": slice(None, None, -1)})
+    ds = ds.assign_coords({level: 100.0 * ds[level]}) if pascals else ds
     for name, new in attrs.items():
         ds[name].attrs = dict(new)
     return ds
 
 
+def both(u, v, attrs, *words):
+    """Attributes of u and v; the words of each are its long or standard name."""
+    key = "standard_name" if words and words[0].endswith("ward_wind") else "long_name"
+    named = [{key: text} for text in words] or [{}, {}]
+    return {name: attrs | one for name, one in zip((u, v), named, strict=True)}
+
+
 def ncep():
     """NCEP reanalysis: millibars, north to south, levels from the ground up."""
     wind = {"units": "m/s", "statistic": "Individual Obs"}
-    attrs = {f"{c}wnd": wind | {"long_name": f"4xDaily {c.upper()}-wind"} for c in "uv"}
+    attrs = both("uwnd", "vwnd", wind, "4xDaily U-wind", "4xDaily V-wind")
     attrs["lev"] = {"units": "millibar", "positive": "down", "axis": "Z", "GRIB_name": "hybl"}
-    ds = renamed(attrs, u="uwnd", v="vwnd")
-    ds = ds.isel(lev=slice(None, None, -1), lat=slice(None, None, -1))
+    ds = renamed(attrs, north_up=False, u="uwnd", v="vwnd")
     return ds.assign_coords(lon=np.mod(ds.lon, 360))
 
 
 def merra():
-    level = {"units": "hPa", "long_name": "vertical level", "standard_name": "PLE_level"}
-    wind = {c: f"{w}ward_wind" for c, w in (("U", "east"), ("V", "north"))}
-    attrs = {c: {"units": "m s-1", "standard_name": name} for c, name in wind.items()}
-    return renamed(attrs | {"lev": level}, u="U", v="V")
+    attrs = both("U", "V", {"units": "m s-1"}, "eastward_wind", "northward_wind")
+    attrs["lev"] = {"units": "hPa", "long_name": "vertical level", "standard_name": "PLE_level"}
+    return renamed(attrs, u="U", v="V")
 
 
-def pascals(attrs, level, **names):
-    ds = renamed({}, level=level, **names).assign_coords({level: LEVELS * 100.0})
-    for name, new in attrs.items():
-        ds[name].attrs |= new
-    return ds
+def cmip():
+    attrs = {name: base()[name[0]].attrs | {"cell_methods": "time: point"} for name in ("ua", "va")}
+    attrs["plev"] = {"units": "Pa", "axis": "Z", "positive": "down"}
+    return renamed(attrs, "plev", pascals=True, u="ua", v="va")
 
 
 def ncl():
     """GRIB by NCL."""
-    names = {f"{c}GRD_P0_L100_GLL0": f"{c}-component of wind" for c in "UV"}
-    attrs = {name: {"units": "m s-1", "long_name": words} for name, words in names.items()}
+    u, v = "UGRD_P0_L100_GLL0", "VGRD_P0_L100_GLL0"
+    attrs = both(u, v, {"units": "m s-1"}, "U-component of wind", "V-component of wind")
     attrs["lv_ISBL0"] = {"units": "Pa", "long_name": "Isobaric surface"}
-    u, v = names
-    ds = pascals(attrs, "lv_ISBL0", u=u, v=v, time="initial_time0_hours")
-    for name in names:
-        del ds[name].attrs["standard_name"]
-    return ds
+    return renamed(attrs, "lv_ISBL0", pascals=True, u=u, v=v, time="initial_time0_hours")
 
 
 def grads():
     """GrADS' server (NOMADS): units are at the end of the long name."""
-    words = "** (1000 975 950 925 900..) {}-component of wind [m/s] "
-    attrs = {f"{c}grdprs": {"long_name": words.format(c)} for c in "uv"}
+    words = (f"** (1000 975 950 925 900..) {c}-component of wind [m/s] " for c in "uv")
+    attrs = both("ugrdprs", "vgrdprs", {}, *words)
     attrs["lev"] = {"units": "millibar", "grads_dim": "z", "long_name": "altitude"}
     return renamed(attrs, u="ugrdprs", v="vgrdprs")
 
@@ -219,15 +218,16 @@ def knots():
 def other_levels_too():
     """Winds at 10 m, above the ground by pressure, and on potential vorticity."""
     ds = base()
-    wind = {"units": "m/s", "long_name": "u-component of wind @ other"}
+    calm = 0.0 * ds.u.isel(level=0, drop=True)
     layer = {"units": "Pa", "long_name": "Level at specified pressure difference from ground"}
-    dims = ("time", "latitude", "longitude")
-    shape = tuple(ds.sizes[d] for d in dims)
-    return ds.assign(
-        u10=(dims, np.zeros(shape), {"units": "m/s", "long_name": "10 metre U wind component"}),
-        v10=(dims, np.zeros(shape), {"units": "m/s", "long_name": "10 metre V wind component"}),
-        u_layer=(("time", "layer", *dims[1:]), np.zeros((2, 2, *shape[1:])), wind),
-    ).assign_coords(layer=("layer", [3000.0, 6000.0], layer))
+    ds["layer"] = ("layer", [3000.0, 6000.0], layer)
+    for name, one, words in (
+        ("u10", calm, "10 metre U wind component"),
+        ("v10", calm, "10 metre V wind component"),
+        ("u_layer", calm.expand_dims(layer=ds.layer, axis=1), "u-component of wind @ other"),
+    ):
+        ds[name] = one.assign_attrs(units="m/s", long_name=words)
+    return ds
 
 
 def cdo_time():
@@ -261,25 +261,15 @@ LAYOUTS = {
     "fill values that no attribute names": filled,
     "preliminary and final data": two_experiments,
     "Climate Data Store": cds_new,
-    "names alone": lambda: renamed(
-        {name: {"units": "m/s"} for name in ("UGRD", "VGRD")}, u="UGRD", v="VGRD"
-    ),
+    "names alone": lambda: renamed(both("UGRD", "VGRD", {"units": "m/s"}), u="UGRD", v="VGRD"),
     "NCEP": ncep,
     "MERRA-2": merra,
-    "CMIP": lambda: pascals(
-        {name: {"cell_methods": "time: point"} for name in ("ua", "va")}
-        | {"plev": {"units": "Pa", "axis": "Z", "positive": "down"}},
-        "plev",
-        u="ua",
-        v="va",
-    ),
+    "CMIP": cmip,
     "NCL": ncl,
     "GrADS": grads,
     "knots": knots,
     "winds on other levels too": other_levels_too,
-    **{
-        f"native levels: {style}": lambda s=style: native(s) for style in ("ap", "p0", "sigma", "p")
-    },
+    **{f"native levels: {one}": partial(native, one) for one in ("ap", "p0", "sigma", "p")},
 }
 
 
@@ -367,9 +357,8 @@ def test_the_member_asked_for(name):
     ds = ds.assign_coords({name: [4, 7, 9]}).transpose("time", name, ...)
     check(ds, member=7)
     model = airswing.build_catalogue(ds, name="m")
-    assert set(model.profiles["member"]) == {4} and "several ensemble members" in " ".join(
-        model.notes
-    )
+    assert set(model.profiles["member"]) == {4}
+    assert "several ensemble members" in " ".join(model.notes)
     with pytest.raises(InputError, match="no wind of ensemble member 5"):
         airswing.build_catalogue(ds, name="m", member=5)
 
@@ -421,10 +410,8 @@ def test_a_projection_that_the_points_do_not_have():
     ds = base()
     lat, lon = xr.broadcast(ds.latitude, ds.longitude)
     ds = ds.rename(latitude="y", longitude="x").drop_vars(["y", "x"])
-    ds = ds.assign_coords(
-        lat=(("y", "x"), lat.values, {"units": "degrees_north"}),
-        lon=(("y", "x"), lon.values, {"units": "degrees_east"}),
-    )
+    lon = (("y", "x"), lon.values, {"units": "degrees_east"})
+    ds = ds.assign_coords(lat=(("y", "x"), lat.values, NORTH), lon=lon)
     check(ds)
     naming = {"projection": "+proj=stere +lat_0=90 +lat_ts=60 +lon_0=0 +R=6371229"}
     with pytest.raises(InputError, match="points that are not rows and columns"):
@@ -446,14 +433,11 @@ def test_a_projection_that_the_points_do_not_have():
 )
 def test_whether_winds_point_along_the_grid(standard, flag, configured, along):
     ds = projected("lambert")
-    for name, one in zip(("ua", "va"), standard, strict=True):
-        ds[name].attrs["standard_name"] = one
-        ds[name].attrs["long_name"] = "eastward wind" if name == "ua" else "northward wind"
-        if flag is not None:
-            ds[name].attrs["GRIB_uvRelativeToGrid"] = flag
-    model = airswing.build_catalogue(
-        ds, name="m", naming={"winds": configured} if configured else None
-    )
+    for name, one, way in zip(("ua", "va"), standard, ("east", "north"), strict=True):
+        ds[name].attrs |= {"standard_name": one, "long_name": f"{way}ward wind"}
+        ds[name].attrs |= {} if flag is None else {"GRIB_uvRelativeToGrid": flag}
+    naming = {"winds": configured} if configured else None
+    model = airswing.build_catalogue(ds, name="m", naming=naming)
     assert model.grids[0].wind_along_grid is along
     notes = " ".join(model.notes)
     assert ("along the grid" if along else "to true east") in notes
