@@ -19,25 +19,16 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
 LONGEST = (
-    "blind_check/test_check.py",
-    "gap/test_diagnose.py",
-    "workflow/test_months.py",
-    "report/test_gap_page.py",
-    "workflow/test_gap_stage.py",
-    "test_cli.py",
-    "test_hostile_files.py",
-    "workflow/test_compute.py",
-    "test_workflow.py",
-    "test_public_api.py",
-    "test_batch.py",
+    *("blind_check/test_check", "gap/test_diagnose", "workflow/test_months"),
+    *("report/test_gap_page", "workflow/test_gap_stage", "test_cli", "test_hostile_files"),
+    *("workflow/test_compute", "test_workflow", "test_public_api", "test_batch"),
 )
 """Files whose tests take longest; they begin first, so that no worker waits for them at the end."""
 
 
 def pytest_collection_modifyitems(items):
     """Put the longest files first; a worker takes whole files, for the sake of their fixtures."""
-    folder = Path(__file__).parent
-    places = {folder / name: number for number, name in enumerate(LONGEST)}
+    places = {ROOT / f"tests/{name}.py": number for number, name in enumerate(LONGEST)}
     items.sort(
         key=lambda item: places.get(item.path, len(LONGEST) + (item.path.suffix != ".ipynb"))
     )
@@ -117,21 +108,19 @@ def quickstart_config():
 @pytest.fixture(scope="session")
 def quickstart(quickstart_config, tmp_path_factory):
     """Output folder of ``airswing run`` on the quickstart."""
-    made = _once(
-        tmp_path_factory, "quickstart", lambda folder: airswing.run(quickstart_config(folder))
-    )
-    return made / "results"
+
+    def make(folder):
+        airswing.run(quickstart_config(folder))
+
+    return _once(tmp_path_factory, "quickstart", make) / "results"
 
 
 @pytest.fixture(scope="session")
 def collocated(gap_archive):
     """Copies the headings of `gap_archive` into a folder."""
 
-    def given(folder):
-        shutil.copytree(gap_archive.parent / "results", folder, dirs_exist_ok=True)
-        return folder
-
-    return given
+    results = gap_archive.parent / "results"
+    return lambda folder: shutil.copytree(results, folder, dirs_exist_ok=True)
 
 
 @pytest.fixture(scope="session")

@@ -8,9 +8,11 @@ import pandas as pd
 import pytest
 import xarray as xr
 import yaml
+from pyproj import Proj
 from typer.testing import CliRunner
 
 from airswing.cli import app
+from airswing.config_file import load_postprocess
 from airswing.errors import ConfigError, InputError
 from airswing.handover.forecasts.correcting import (
     DIMS,
@@ -25,6 +27,7 @@ from airswing.handover.forecasts.forecast_pairs import flight_level_pairs, pairs
 from airswing.handover.forecasts.stations import forecasts_at_stations, pairs_at_stations
 from airswing.products.netcdf import read_product
 from tests.handover.archives import corrected
+from tests.ragged import ragged
 
 
 def pairs(errors, *, first="2009-01-01", step="1D", leads=(12.0,), variable="air_temperature"):
@@ -147,12 +150,8 @@ def test_scores_of_stations_have_intervals_by_days():
     errors[3] = np.nan
     made = correct_forecasts(pairs(errors, leads=(12.0, 36.0)), ratio=0.4)
     scored = score_forecasts(made)
-    assert scored["skill_by_station_interval"].dims == (
-        "variable",
-        "correction",
-        "station",
-        "bound",
-    )
+    dims = ("variable", "correction", "station", "bound")
+    assert scored["skill_by_station_interval"].dims == dims
     one = scored.isel(variable=0).sel(correction="kalman")
     low, high = one["skill_by_station_interval"].to_numpy().T
     skill = one["skill_by_station"].to_numpy()
@@ -168,46 +167,39 @@ def test_scores_of_stations_have_intervals_by_days():
     np.testing.assert_allclose(whole, one["skill_by_station_interval"][0], rtol=1e-12)
 
 
+@pytest.fixture
 def wrf(real):
-    folder = real("grib/wrf_ruc13_g212")
-    return sorted(folder.iterdir())
+    """Files of a real run."""
+    return sorted(real("grib/wrf_ruc13_g212").iterdir())
 
 
-def test_grib_at_grid_points_is_the_grids_value_turned_to_true_north(real):
+def test_grib_at_grid_points_is_the_grids_value_turned_to_true_north(wrf):
     """Against cfgrib's values and pyproj's meridian convergence, both independent."""
-    from pyproj import Proj
-
-    files = wrf(real)
-    keys = {"typeOfLevel": "heightAboveGround"}
-    opened = {
-        name: xr.open_dataset(
-            files[0],
-            engine="cfgrib",
-            backend_kwargs={"indexpath": "", "filter_by_keys": keys | {"shortName": name}},
-        )
-        for name in ("2t", "10u", "10v")
-    }
-    rows, columns = np.array([40, 64, 100]), np.array([30, 92, 160])
-    lat, lon = (opened["2t"][name].to_numpy()[rows, columns] for name in ("latitude", "longitude"))
+    rows, columns, value = np.array([40, 64, 100]), np.array([30, 92, 160]), {}
+    for name in ("2t", "10u", "10v"):
+        keys = {"typeOfLevel": "heightAboveGround", "shortName": name}
+        options = {"indexpath": "", "filter_by_keys": keys}
+        ds = xr.open_dataset(wrf[0], engine="cfgrib", backend_kwargs=options)
+        value[name] = next(iter(ds.data_vars.values())).to_numpy()[rows, columns]
+    lat, lon = (ds[name].to_numpy()[rows, columns] for name in ("latitude", "longitude"))
     stations = pd.DataFrame({"station": list("abc"), "latitude": lat, "longitude": lon})
-    table, skipped = forecasts_at_stations(files[:1], stations)
+    table, skipped = forecasts_at_stations(wrf[:1], stations)
     got = table.pivot(index="variable", columns="station", values="forecast")
-    value = {
-        name: ds[next(iter(ds.data_vars))].to_numpy()[rows, columns] for name, ds in opened.items()
-    }
-    np.testing.assert_allclose(got.loc["air_temperature"], value["2t"], atol=0.02)
     projected = Proj("+proj=lcc +lat_1=25 +lat_2=25 +lat_0=25 +lon_0=-95 +R=6367470")
     # pyproj counts the convergence from true to grid north, clockwise.
     angle = np.radians(projected.get_factors(lon, lat).meridian_convergence)
-    east = np.cos(angle) * value["10u"] + np.sin(angle) * value["10v"]
-    north = -np.sin(angle) * value["10u"] + np.cos(angle) * value["10v"]
-    np.testing.assert_allclose(got.loc["eastward_wind"], east, atol=0.02)
-    np.testing.assert_allclose(got.loc["northward_wind"], north, atol=0.02)
+    u, v = value["10u"], value["10v"]
+    expected = {
+        "air_temperature": value["2t"],
+        "eastward_wind": np.cos(angle) * u + np.sin(angle) * v,
+        "northward_wind": -np.sin(angle) * u + np.cos(angle) * v,
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(got.loc[name], values, atol=0.02)
     assert abs(angle).max() > 0.05 and skipped == {}
 
 
-def test_grib_forecasts_meet_observations(real, tmp_path):
-    files = wrf(real)
+def test_grib_forecasts_meet_observations(wrf, tmp_path):
     stations = tmp_path / "stations.csv"
     stations.write_text(
         "id,lat,lon,time,temperature_degC,wind_speed_kt,wind_direction_deg\n"
@@ -216,17 +208,18 @@ def test_grib_forecasts_meet_observations(real, tmp_path):
         "ORD,41.98,-87.9,2005-08-07T20:00:00Z,20,900,10\n"
         "NRT,35.76,140.4,2005-08-07T12:00:00Z,25,3,90\n"
     )
-    found = pairs_at_stations(files, [stations])
-    at = found.sel(station="ORD").isel({TIME: 0})
-    assert float(at["observation"].sel(variable="air_temperature", lead=12.0)) == 293.15
-    assert float(at["observation"].sel(variable="eastward_wind", lead=12.0)) == pytest.approx(
-        10 * 1852 / 3600
-    )
-    assert float(at["observation"].sel(variable="wind_speed", lead=18.0)) == 0.0
-    assert np.isnan(at["observation"].sel(variable="air_temperature", lead=18.0))
-    assert np.isnan(at["observation"].sel(variable="wind_speed", lead=21.0))
-    later = found.sel(station="ORD", variable="air_temperature", lead=0.0).isel({TIME: 1})
-    assert float(later["observation"]) == 293.15
+    found = pairs_at_stations(wrf, [stations])
+    at = found["observation"].sel(station="ORD")
+    for expected, variable, lead, start in (
+        (293.15, "air_temperature", 12.0, 0),
+        (10 * 1852 / 3600, "eastward_wind", 12.0, 0),
+        (0.0, "wind_speed", 18.0, 0),
+        (np.nan, "air_temperature", 18.0, 0),
+        (np.nan, "wind_speed", 21.0, 0),
+        (293.15, "air_temperature", 0.0, 1),
+    ):
+        one = at.isel({TIME: start}).sel(variable=variable, lead=lead).item()
+        assert one == pytest.approx(expected, nan_ok=True), (variable, lead)
     output = found.attrs["lines_left_out"]
     assert output["stations without a forecast: NRT"] == 1
     assert output["wind_speed out of range"] == 1
@@ -239,10 +232,7 @@ def test_grib_forecasts_meet_observations(real, tmp_path):
         ("station,start,lead,forecast\nA,2009-01-01,3,1\n", "no column observation"),
         ("station,start,lead,forecast,observation\nA,bad,3,1,2\n", "no pair of forecast"),
         ("station,start,lead,forecast,observation\nA,2009-01-01,3,-999,2\n", "no pair"),
-        (
-            "station,start,lead,forecast,observation,lead\nA,2009-01-01,3,1,2,3\n",
-            "two columns of one name",
-        ),
+        ("station,start,lead,forecast,observation,lead\nA,2009-01-01,3,1,2,3\n", "two columns of"),
         ("just some words\nthat are no table at all\n", "not a table"),
     ],
 )
@@ -265,27 +255,22 @@ def test_bad_lines_are_counted_and_others_kept(tmp_path):
         "A;2009-01-03T12:00Z;12;283;nan;T;K\n"
     )
     found = pairs_from_tables([file])
-    assert found[TIME].to_numpy().astype("datetime64[D]").astype(str).tolist() == [
-        "2009-01-01",
-        "2009-01-03",
-    ]
+    days = found[TIME].to_numpy().astype("datetime64[D]").astype(str)
+    assert days.tolist() == ["2009-01-01", "2009-01-03"]
     assert found["forecast"].isel({TIME: 0}).item() == 282.0
     assert sum(found.attrs["lines_left_out"].values()) == 3
 
 
 def test_a_configuration_needs_a_source(tmp_path):
-    from airswing.config_file import load_postprocess
-
     config = tmp_path / "config.yaml"
     for section, what in (
-        (None, "no forecasts to correct"),
-        ({}, "one of pairs, forecasts with"),
-        ({"forecasts": {"files": "x"}}, "stations is missing"),
-        ({"pair": {"files": "x"}}, "did you mean 'pairs'"),
-        ({"pairs": {"files": "x", "colums": {}}}, "did you mean 'columns'"),
+        ({}, "no forecasts to correct"),
+        ({"postprocess": {}}, "one of pairs, forecasts with"),
+        ({"postprocess": {"forecasts": {"files": "x"}}}, "stations is missing"),
+        ({"postprocess": {"pair": {"files": "x"}}}, "did you mean 'pairs'"),
+        ({"postprocess": {"pairs": {"files": "x", "colums": {}}}}, "did you mean 'columns'"),
     ):
-        content = {"output": "x"} if section is None else {"output": "x", "postprocess": section}
-        config.write_text(yaml.safe_dump(content))
+        config.write_text(yaml.safe_dump({"output": "x"} | section))
         with pytest.raises(ConfigError, match=what):
             load_postprocess(config)
 
@@ -367,17 +352,13 @@ def archive(days, bias, *, count=12):
     west = np.arange(size) % 2 == 0
     ds["longitude"] = ("report", np.where(west, -93.0, 179.0))
     ds["latitude"] = ("report", np.where(west, 42.0, -3.0))
-    day = np.repeat(np.arange(days), count)
+    hours = 24 * np.repeat(np.arange(days), count) + np.tile(np.arange(count), days)
     start = np.datetime64("2008-07-01T03:00", "ns")
-    hours = np.tile(np.arange(count), days)
-    ds["time"] = ("report", start + day * np.timedelta64(1, "D") + hours * np.timedelta64(1, "h"))
+    ds["time"] = ("report", start + hours * np.timedelta64(1, "h"))
     u = ds["corrected_eastward_wind"].to_numpy() + np.where(west, bias, 0.0)
     v = ds["corrected_northward_wind"].to_numpy()
-    headings = ds.assign(
-        reference_eastward_wind=(("reference", "report"), u[None]),
-        reference_northward_wind=(("reference", "report"), v[None]),
-    ).assign_coords(reference=["ruc"])
-    return headings, ds
+    references = {"reference_eastward_wind": u[None], "reference_northward_wind": v[None]}
+    return ds.assign(ragged(references, reference=["ruc"])), ds
 
 
 def test_boxes_by_hand():
