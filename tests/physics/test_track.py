@@ -52,9 +52,8 @@ def test_a_geodesic_flown_steadily_gives_its_azimuth_at_every_fix(azimuth):
 def test_speeding_up_is_centred_at_the_report_with_unequal_legs():
     # along a meridian at 100 + 0.1 t: chords of 100 s and 200 s
     seconds = np.array([0.0, 100.0, 300.0])
-    path = 100.0 * seconds + 0.05 * seconds**2
-    lon, lat, _ = GEOD.fwd(np.full(3, -90.0), np.full(3, 40.0), np.zeros(3), path)
-    found = tracked(np.asarray(lat), np.asarray(lon), seconds, altitude=2.0 * seconds)
+    lat, lon, _ = straight(40.0, -90.0, 0.0, 100.0 + 0.05 * seconds, seconds)
+    found = tracked(lat, lon, seconds, altitude=2.0 * seconds)
     # by hand: chords 105 and 120 m/s, weighted 200 : 100, are 110 = 100 + 0.1 * 100
     assert found.northward[1] == pytest.approx(110.0, abs=1e-6)
     assert found.northward[0] == pytest.approx(105.0, abs=1e-6), "one chord, at its middle"
@@ -67,20 +66,16 @@ def test_a_turn_its_sign_and_its_bank():
     rate, speed = np.radians(0.1), 120.0
     angle = rate * np.arange(9) * 30.0
     east, north = speed / rate * (1 - np.cos(angle)), speed / rate * np.sin(angle)
-    lon, lat, _ = GEOD.fwd(
-        np.full(9, -90.0),
-        np.full(9, 40.0),
-        np.degrees(np.arctan2(east, north)),
-        np.hypot(east, north),
-    )
-    found = tracked(np.asarray(lat), np.asarray(lon), np.arange(9) * 30.0)
+    azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(east, north)
+    lon, lat, _ = map(np.asarray, GEOD.fwd(*np.full((2, 9), [[-90.0], [40.0]]), azimuth, distance))
+    found = tracked(lat, lon, np.arange(9) * 30.0)
     inner = slice(1, -1)
     np.testing.assert_allclose(np.degrees(found.turn[inner]), 3.0, atol=0.01)
     # tan(bank) = V omega / g = 120 * 0.00174533 / 9.80665: 1.2234 degrees, right wing down
     np.testing.assert_allclose(np.degrees(found.bank[inner]), 1.2234, atol=0.005)
     track = bearing(found.eastward, found.northward)
     np.testing.assert_allclose(np.degrees(track - angle)[inner], 0.0, atol=0.04)
-    left = tracked(np.asarray(lat), -180.0 - np.asarray(lon), np.arange(9) * 30.0)
+    left = tracked(lat, -180.0 - lon, np.arange(9) * 30.0)
     np.testing.assert_allclose(left.turn[inner], -found.turn[inner], atol=1e-9)
     np.testing.assert_allclose(left.bank[inner], -found.bank[inner], atol=1e-9)
 
@@ -131,21 +126,16 @@ def rounded_flights(leg, *, position, tick, density):
     change = np.diff(seconds, axis=1, prepend=seconds[:, :1])[..., np.newaxis]
     kick = np.sqrt(density * change) * rng.normal(size=(flights, fixes, 2))
     azimuth = rng.uniform(0.0, 2 * np.pi, (flights, 1))
-    start = speed * np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
-    velocity = start + np.cumsum(kick, axis=1)
+    velocity = speed * np.stack([np.sin(azimuth), np.cos(azimuth)], -1) + np.cumsum(kick, axis=1)
     wobble = np.sqrt(density * change**3 / 12.0) * rng.normal(size=kick.shape)
     place = np.cumsum((velocity - kick / 2.0) * change + wobble, axis=1)
     place += rng.uniform(-2e4, 2e4, (flights, 1, 2)) - place[:, fixes // 2 : fixes // 2 + 1]
-    scale = np.array([111319.49, 110574.28])  # metres a degree on the WGS84 equator
-    lon, lat = np.moveaxis(place / scale, -1, 0)
-    arguments = {
-        "lat": (np.round(lat / position) * position).ravel(),
-        "lon": (np.round(lon / position) * position).ravel(),
-        "seconds": (np.floor(seconds / tick) * tick).ravel(),
-        "altitude": np.zeros(seconds.size),
-        "flight": np.repeat(np.arange(flights), fixes),
-    }
-    return arguments, velocity[..., 0].ravel(), velocity[..., 1].ravel()
+    place = place / [111319.49, 110574.28]  # metres a degree on the WGS84 equator
+    lon, lat = np.moveaxis(np.round(place / position) * position, -1, 0).reshape(2, -1)
+    seconds = (np.floor(seconds / tick) * tick).ravel()
+    arguments = {"lat": lat, "lon": lon, "seconds": seconds}
+    arguments["flight"] = np.repeat(np.arange(flights), fixes)
+    return arguments, *velocity.reshape(-1, 2).T
 
 
 @pytest.mark.parametrize(
@@ -178,24 +168,18 @@ def test_stated_errors_are_the_actual_ones_and_widening_lowers_them(leg, positio
 
 
 def test_no_window_reaches_over_a_turn():
-    size = 21
-    seconds = np.arange(size) * 20.0
-    along = 130.0 * seconds
-    corner = along[10]
-    north = np.minimum(along, corner)
-    east = np.maximum(along - corner, 0.0)
-    lat, lon = north / 110574.28, east / 111319.49
+    seconds = np.arange(21) * 20.0
+    along = 130.0 * (seconds - 200.0)  # from a corner
+    lat, lon = np.minimum(along, 0.0) / 110574.28, np.maximum(along, 0.0) / 111319.49
     found = tracked(lat, lon, seconds, position_step=TENTH_MINUTE, time_step=1.0)
-    reach = np.arange(size)
+    reach = np.arange(21)
     assert np.all((reach + found.after)[reach < 10] <= 10)
     assert np.all((reach - found.before)[reach > 10] >= 10)
     assert found.before[10] == 1 and found.after[10] == 1
     assert np.degrees(found.turn[10]) == pytest.approx(90.0, abs=0.5)
-    straight_legs = (reach < 10) | (reach > 10)
-    expected = np.where(reach < 10, 0.0, 90.0)
-    track = np.degrees(bearing(found.eastward, found.northward))
-    miss = (track - expected + 180.0) % 360.0 - 180.0
-    assert np.abs(miss[straight_legs]).max() < 0.1
+    track = np.degrees(bearing(found.eastward, found.northward)) % 360.0
+    np.testing.assert_allclose((track[:10] + 180.0) % 360.0, 180.0, atol=0.1)
+    np.testing.assert_allclose(track[11:], 90.0, atol=0.1)
     assert found.after[3] > 1, "but it does widen on the straight"
 
 
@@ -204,29 +188,24 @@ def test_no_window_reaches_over_a_turn():
 SPEED = 100.0
 
 
-def flown(heading, *, interval=60, wind=(0.0, 0.0), noise=0.0, seed=0):
-    """Reports of a flight with its heading (rad) given for every second."""
-    air = SPEED * np.sin(heading), SPEED * np.cos(heading)
+def flown(heading, *, interval=60, wind=0j, noise=0.0, seed=0):
+    """Reports of a flight with its heading (rad) given for every second; wind is east + i north."""
     at = np.arange(0, heading.size, interval)
-    rng = np.random.default_rng(seed)
-    leg = []
-    for part, blown in zip(air, wind, strict=True):
-        place = np.r_[0.0, np.cumsum(part + blown)]  # second by second
-        fix = place[at] + rng.normal(0.0, noise, at.size)
-        leg.append(np.r_[np.diff(fix) / interval, np.nan])
-    error = np.full(at.size, np.sqrt(2.0) * noise / interval)
-    centred = [0.5 * (np.r_[np.nan, part[:-1]] + part) for part in leg]
-    for part, chord in zip(centred, leg, strict=True):
-        part[0], part[-1] = chord[0], chord[-2]
-    one = np.ones(at.size)
+    air = SPEED * (np.sin(heading) + 1j * np.cos(heading))
+    place = np.r_[0.0, np.cumsum(air + wind)][at]  # second by second
+    place += [1, 1j] @ np.random.default_rng(seed).normal(0.0, noise, (2, at.size))
+    leg = np.r_[np.diff(place) / interval, np.nan]
+    centred = 0.5 * (np.r_[np.nan, leg[:-1]] + leg)
+    centred[0], centred[-1] = leg[0], leg[-2]
+    half, calm = np.full(at.size, 0.5), np.zeros(at.size)
     return {
-        "leg": (*leg, error),
-        "wind": (wind[0] * one, wind[1] * one),
-        "straight": (*centred, 0.5 * one, 0.5 * one),
+        "leg": (leg.real, leg.imag, np.full(at.size, np.sqrt(2.0) * noise / interval)),
+        "wind": (calm + wind.real, calm + wind.imag),
+        "straight": (centred.real, centred.imag, half, half),
         "seconds": at.astype(float),
         "flight": np.zeros(at.size, int),
         "truth": heading[at],
-        "parabola": np.arctan2(centred[0] - wind[0], centred[1] - wind[1]),
+        "parabola": np.pi / 2 - np.angle(centred - wind),
     }
 
 
@@ -240,7 +219,7 @@ def turn(begin, end, degrees, *, seconds=900):
 
 
 def test_a_turn_within_a_leg_is_between_its_two_reports():
-    made = flown(turn(435, 465, 60.0), interval=60, wind=(12.0, -5.0))
+    made = flown(turn(435, 465, 60.0), wind=12.0 - 5.0j)
     found = estimated(made)
     assert {6, 7, 8, 9} <= set(found.report)
     off = wrap_signed(found.heading - made["truth"][found.report])
@@ -271,27 +250,25 @@ def test_the_roll_flag_shows_whether_the_turn_had_begun(flag, low, high):
 
 def test_turns_of_all_sizes_are_found_within_their_standard_error():
     rng = np.random.default_rng(1)
-    error, parabola, beyond = [], [], []
+    parts = []
     for seed in range(150):
         begin = rng.uniform(330.0, 570.0)
         bank = np.radians(12.0 * np.exp(rng.normal(0.0, 0.4)))
         size = rng.uniform(20.0, 120.0) * rng.choice([-1, 1])
-        lasts = np.radians(abs(size)) * SPEED / (9.80665 * np.tan(bank))
-        made = flown(turn(begin, begin + lasts, size), noise=50.0, seed=seed, wind=(20.0, 10.0))
+        lasts = np.radians(abs(size)) * SPEED / (GRAVITY * np.tan(bank))
+        made = flown(turn(begin, begin + lasts, size), noise=50.0, seed=seed, wind=20.0 + 10.0j)
         found = estimated(made)
-        inside = (found.report > 1) & (found.report < 13)
-        off = wrap_signed(found.heading - made["truth"][found.report])[inside]
-        error.append(off)
-        beyond.append(np.abs(off) > 2.0 * found.heading_error[inside])
-        parabola.append(wrap_signed(made["parabola"] - made["truth"])[found.report[inside]])
-    rms = np.degrees(np.sqrt(np.mean(np.concatenate(error) ** 2)))
-    before = np.degrees(np.sqrt(np.mean(np.concatenate(parabola) ** 2)))
-    assert rms < 0.4 * before
-    assert np.mean(np.concatenate(beyond)) < 0.05
+        truth = made["truth"][found.report]
+        off = found.heading - truth, made["parabola"][found.report] - truth
+        both = *map(wrap_signed, off), found.heading_error
+        parts.append(np.stack(both)[:, (found.report > 1) & (found.report < 13)])
+    error, parabola, stated = np.concatenate(parts, axis=1)
+    assert rms(error) < 0.4 * rms(parabola)
+    assert np.mean(np.abs(error) > 2.0 * stated) < 0.05
 
 
 def test_straight_flight_is_unchanged_except_at_its_ends():
-    made = flown(turn(0, 1, 0.0) + 0.7, wind=(5.0, 5.0))
+    made = flown(turn(0, 1, 0.0) + 0.7, wind=5.0 + 5.0j)
     found = estimated(made)
     np.testing.assert_array_equal(found.report, [0, 14])
     np.testing.assert_allclose(found.heading, 0.7, atol=np.radians(0.1))
@@ -315,25 +292,20 @@ TAS, STEP, METRES = 120.0, 60.0, 111195.0
 BANK = float(np.radians(10.0))
 
 
-def flights_with_one_turn(flights=60, seconds=40.0, bank=BANK, seed=1):
-    """Straight flights near the equator with one turn each, at a random time: exact bank."""
-    rng = np.random.default_rng(seed)
-    parts = []
-    for number in range(flights):
-        time = np.arange(0.0, 900.0)
+def flights_with_one_turn():
+    """Straight flights by the equator with one turn of 40 s each, at a random time; exact bank."""
+    rng, parts, time = np.random.default_rng(1), [], np.arange(0.0, 900.0)
+    for number in range(60):
         start = rng.uniform(240.0, 600.0)
-        turning = (time >= start) & (time < start + seconds)
+        turning = (time >= start) & (time < start + 40.0)
         side = rng.choice([-1.0, 1.0])
-        track = rng.uniform(0, 2 * np.pi) + side * np.cumsum(turning) * GRAVITY * np.tan(bank) / TAS
-        places = np.cumsum(TAS * np.stack([np.cos(track), np.sin(track)]), axis=1) / METRES
+        track = rng.uniform(0, 2 * np.pi) + side * np.cumsum(turning) * GRAVITY * np.tan(BANK) / TAS
+        place = np.cumsum(TAS * np.exp(1j * track)) / METRES  # north + i east
         at = np.arange(0, 900, int(STEP))
-        chords = np.diff(places[:, at], axis=1)
-        course = np.arctan2(chords[1], chords[0])
-        turn = np.full(at.size, np.nan)
-        turn[1:-1] = np.mod(np.diff(course) + np.pi, 2 * np.pi) - np.pi
+        turn = np.r_[np.nan, wrap_signed(np.diff(np.angle(np.diff(place[at])))), np.nan]
         seen = np.arctan(TAS * turn / STEP / GRAVITY)
-        true, which = side * bank * turning[at], np.full(at.size, number)
-        parts.append((seen, true, which, time[at], places[0, at], places[1, at]))
+        true, which = side * BANK * turning[at], np.full(at.size, number)
+        parts.append((seen, true, which, time[at], place[at].real, place[at].imag))
     return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
 
