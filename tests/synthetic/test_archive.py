@@ -18,14 +18,17 @@ EXACT = Coding(
     direction_deg=1e-7, speed_kt=1e-7, position_arcmin=1e-6, airspeed_noise=0.0, heading_noise=0.0
 )
 SMALL = {"days": 2, "aircraft": 3, "seed": 5}
+MONTH = {"days": 8, "aircraft": 5, "seed": 4, "columns": 30, "rows": 23, "spacing_km": 62.0}
 
 
 @pytest.fixture(scope="module")
 def month():
-    return simulate_arrays(days=8, aircraft=5, seed=4, columns=30, rows=23, spacing_km=62.0)
+    return simulate_arrays(**MONTH)
 
 
-def knots(u, v):
+def disagreement(frame, name):
+    """Mean vector disagreement with a model, kt."""
+    u, v = (frame[one] - frame[f"{one}_{name}"] for one in "uv")
     return float(np.nanmean(np.hypot(u, v)) * 3600 / 1852)
 
 
@@ -37,17 +40,9 @@ def test_without_faults_and_noise_the_true_wind_comes_back():
 
 def test_disagreement_is_the_seed_paper_s(month):
     """6 kt with perfect compasses; one degree of heading on all of it adds a knot or so."""
-    for name in ("ruc", "rtfdaa"):
-        clean = knots(month["u"] - month[f"u_{name}"], month["v"] - month[f"v_{name}"])
-        assert 5.0 < clean < 7.0
-    tails = sorted(month["tail"].unique())
-    effects = [
-        {"name": "hard_iron", "tails": [tail], "parameters": {"amplitude_deg": 2.2}}
-        for tail in tails
-    ]
-    grid = {"columns": 30, "rows": 23, "spacing_km": 62.0}
-    swung = simulate_arrays(days=8, aircraft=5, seed=4, effects=effects, **grid)
-    assert 7.0 < knots(swung["u"] - swung["u_ruc"], swung["v"] - swung["v_ruc"]) < 9.0
+    assert 5.0 < disagreement(month, "ruc") < 7.0 and 5.0 < disagreement(month, "rtfdaa") < 7.0
+    effects = [{"name": "hard_iron", "tails": None, "parameters": {"amplitude_deg": 2.2}}]
+    assert 7.0 < disagreement(simulate_arrays(**MONTH, effects=effects), "ruc") < 9.0
 
 
 def test_density_coverage_and_flags(month):
@@ -74,14 +69,11 @@ def test_a_shuttle_flies_one_route_and_leaves_the_others_as_they_were():
 
 
 def test_written_archive_is_the_simulated_one_and_ready_to_run(tmp_path):
-    config = write_archive(tmp_path, **SMALL, columns=24, rows=20, spacing_km=75.0)
-    tails = ["N401", "N402", "N403"]
-    effects = fleet_deviations(tails, 5)
-    frame = simulate_arrays(**SMALL, effects=effects, columns=24, rows=20, spacing_km=75.0)
-    table = pd.concat(
-        [pd.read_csv(path) for path in sorted((tmp_path / "reports").glob("*.csv"))],
-        ignore_index=True,
-    )
+    options = SMALL | {"columns": 24, "rows": 20, "spacing_km": 75.0}
+    config = write_archive(tmp_path, **options)
+    frame = simulate_arrays(**options, effects=fleet_deviations(["N401", "N402", "N403"], 5))
+    files = sorted((tmp_path / "reports").glob("*.csv"))
+    table = pd.concat([pd.read_csv(path) for path in files], ignore_index=True)
     assert len(table) == len(frame)
     np.testing.assert_array_equal(table["wind_direction_deg"], frame["direction"])
     np.testing.assert_array_equal(table["wind_speed_kt"], frame["speed"])
@@ -91,11 +83,8 @@ def test_written_archive_is_the_simulated_one_and_ready_to_run(tmp_path):
     assert set(settings.references) == {"ruc", "rtfdaa"}
     assert all(Path(pattern).parent.is_dir() for pattern in settings.references["ruc"].files)
     truth = json.loads((tmp_path / "truth" / "truth.json").read_text())
-    asked = {
-        effect["name"]: effect["parameters"]
-        for effect in truth["effects"]
-        if effect["tails"] == ["N402"]
-    }
+    mine = (effect for effect in truth["effects"] if effect["tails"] == ["N402"])
+    asked = {effect["name"]: effect["parameters"] for effect in mine}
     curve = truth["aircraft"]["N402"]["deviation"]
     assert curve["A"] == pytest.approx(asked["compass_offset"]["offset_deg"], abs=0.01)
     size = np.hypot(curve["B"], curve["C"])
@@ -104,12 +93,9 @@ def test_written_archive_is_the_simulated_one_and_ready_to_run(tmp_path):
 
 
 def test_field_test_units_apply_their_tables(tmp_path):
-    effects = [
-        {"name": "hard_iron", "tails": [tail], "parameters": {"amplitude_deg": 5.0}}
-        for tail in ("N401", "N402")
-    ]
-    options = {"days": 4, "aircraft": 2, "seed": 6, "coding": EXACT}
-    frame = simulate_arrays(effects=effects, field_test=(2, ("N401",)), **options)
+    options = {"aircraft": 2, "seed": 6}
+    options["effects"] = [{"name": "hard_iron", "parameters": {"amplitude_deg": 5.0}}]
+    frame = simulate_arrays(**options, days=4, coding=EXACT, field_test=(2, ("N401",)))
     error = frame["heading"] - frame["true_heading"]
     error = np.degrees((error + np.pi) % (2 * np.pi) - np.pi)
     after = frame["time"] >= "2009-03-03"
@@ -117,9 +103,8 @@ def test_field_test_units_apply_their_tables(tmp_path):
     assert error[treated & after].std() < 0.6
     assert error[treated & ~after].std() > 2.0
     assert error[~treated & after].std() > 2.0
-    sizes = {"columns": 20, "rows": 16, "spacing_km": 90.0}
-    options = {"days": 1, "aircraft": 2, "seed": 6, "field_test": (0, ("N401",)), **sizes}
-    config = write_archive(tmp_path, effects=effects, **options)
+    options |= {"columns": 20, "rows": 16, "spacing_km": 90.0}
+    config = write_archive(tmp_path, **options, days=1, field_test=(0, ("N401",)))
     section = yaml.safe_load(config.read_text())["field_test"]
     assert (section["corrected"], section["controls"]) == (["N401"], ["N402"])
 
