@@ -115,16 +115,12 @@ def test_too_few_days_have_no_p_value():
 @pytest.mark.parametrize(
     ("window", "firsts"), [("month", ["2008-07-01", "2008-08-01"]), ("quarter", ["2008-07-01"])]
 )
-def test_windows_are_those_of_the_calendar_and_use_their_own_reports(changed, window, firsts):
+def test_windows_are_those_of_the_calendar_and_state_their_reports(changed, window, firsts):
     ds, _ = changed
-    found = fit_by_window(ds, **RUC, window=window)
+    found = fit_by_window(ds, **RUC, window=window, min_reports=1_000_000)
     entries = [entry for entry in found if entry["aircraft"] == "N001"]
     assert [entry["window"] for entry in entries] == firsts
     assert sum(entry["reports"] for entry in entries) == ds.sizes["report"] // 3
-
-
-def test_a_window_with_too_few_reports_has_its_status(changed):
-    found = fit_by_window(changed[0], **RUC, min_reports=1_000_000)
     assert {entry["status"] for entry in found} == {"too_few_reports"}
     assert all("offset" not in entry for entry in found)
 
@@ -198,8 +194,7 @@ def monitored(stepped):
 
 
 def test_a_change_of_two_degrees_is_one_event_noticed_within_three_days(monitored):
-    event = monitored.events[0]
-    assert len(monitored.events) == 1
+    (event,) = monitored.events
     assert (event.kind, event.aircraft) == ("compass_changed", "N002")
     # day 38 is 2008-08-08, its reports are in that night
     assert "2008-08-08" <= event.noticed <= "2008-08-10"
@@ -223,10 +218,8 @@ def test_an_event_is_reported_once_also_when_later_days_come_in(stepped, tmp_pat
 
 def test_states_hold_the_disagreement_of_the_winds_and_the_tables(stepped, monitored):
     ds, fits = stepped
-    du, dv = (
-        ds[f"{name}_wind"].to_numpy() - ds[f"reference_{name}_wind"].to_numpy()[0]
-        for name in ("eastward", "northward")
-    )
+    names = ("eastward_wind", "northward_wind")
+    du, dv = (ds[name].to_numpy() - ds[f"reference_{name}"].to_numpy()[0] for name in names)
     n004, late = aircraft_of_report(ds) == 4, day_number(ds) >= 38
     state, size = monitored.states[4], np.hypot(du, dv) / KNOT
     assert state.disagreement_kt == pytest.approx(size[n004 & late].mean())
@@ -242,9 +235,9 @@ def test_a_table_on_board_that_is_off_is_reported(stepped, monitored, tmp_path):
     ds, fits = stepped
     path = write_tables_csv(fits, tmp_path / "tables.csv")
     read = read_tables(path, reference="ruc")
-    now = monitored.states[4].table_now
-    np.testing.assert_allclose(read["N004"].correction_deg, now.correction_deg, atol=5e-4)
-    off = replace(read["N004"], correction_deg=[c + 1.5 for c in read["N004"].correction_deg])
+    mine, now = read["N004"], np.array(monitored.states[4].table_now.correction_deg)
+    np.testing.assert_allclose(mine.correction_deg, now, atol=5e-4)
+    off = replace(mine, correction_deg=[c + 1.5 for c in mine.correction_deg])
     found = find_events(ds, fits, tables_in_use=read | {"N004": off})
     assert found.differing == ["N004"]
     assert found.states[4].table_difference_deg == pytest.approx(1.5, abs=1e-3)
@@ -252,10 +245,8 @@ def test_a_table_on_board_that_is_off_is_reported(stepped, monitored, tmp_path):
     later = find_events(ds, fits, previous=found)
     assert later.differing == ["N004"]
     path.write_text(path.read_text().replace("subtract_error", "add_error"))
-    turned = read_tables(path, reference="ruc")
-    np.testing.assert_allclose(
-        turned["N004"].correction_deg, -np.array(now.correction_deg), atol=5e-4
-    )
+    turned = read_tables(path, reference="ruc")["N004"]
+    np.testing.assert_allclose(turned.correction_deg, -now, atol=5e-4)
     path.write_text("aircraft,heading\nN1,0\n")
     with pytest.raises(InputError, match="not a file of tables"):
         read_tables(path, reference="ruc")
@@ -322,14 +313,12 @@ def test_reports_that_were_all_left_out_are_days_without_a_wind():
 def test_a_silence_is_measured_by_the_aircrafts_past_and_days_of_the_fleet():
     daily = np.delete(np.arange(60), range(40, 48))  # nobody reports for eight days
     weekly = np.arange(0, 39, 7)  # last seen on day 35
-    aircraft = np.repeat([0, 1, 2], [daily.size, daily.size, weekly.size])
-    days = np.concatenate([daily, daily, weekly])
-    assert first_days_and_silences(aircraft, days, 3, 59)[1] == []
-    stopped = np.concatenate([daily, daily[:35], weekly])
-    aircraft = np.repeat([0, 1, 2], [daily.size, 35, weekly.size])
-    first, spells = first_days_and_silences(aircraft, stopped, 4, 59)
-    assert [(s.number, s.first, s.lasts) for s in spells] == [(1, 35, True)]
-    assert first.tolist() == [0, 0, 0, 60]
+    for second, silent in ((daily, []), (daily[:35], [(1, 35, True)])):
+        seen = daily, second, weekly
+        aircraft = np.repeat([0, 1, 2], [*map(len, seen)])
+        first, spells = first_days_and_silences(aircraft, np.concatenate(seen), 4, 59)
+        assert [(s.number, s.first, s.lasts) for s in spells] == silent
+        assert first.tolist() == [0, 0, 0, 60]
 
 
 def test_a_file_of_something_else_is_one_message(tmp_path):
