@@ -56,25 +56,28 @@ class Place:
         earth = sphere if self.rotated else pyproj.CRS(self.crs).geodetic_crs
         return pyproj.Transformer.from_crs(earth, pyproj.CRS(self.crs), always_xy=True)
 
+    @cached_property
+    def _origin(self):
+        plain = self.crs is None or self.rotated
+        return self.first if plain else self._projection.transform(*self.first)
+
     def plane(self, lon, lat):
         """Coordinates in the units of ``step``, from the first grid point."""
         lon, lat = np.asarray(lon, float), np.asarray(lat, float)
         if self.crs is None:
             return (lon - self.first[0]) % 360.0, lat - self.first[1]
-        x, y = (np.asarray(one) for one in self._projection.transform(lon, lat))
-        x0, y0 = self.first if self.rotated else self._projection.transform(*self.first)
-        return ((x - x0 + 180) % 360 - 180 if self.rotated else x - x0), y - y0
+        x, y = np.array(self._projection.transform(lon, lat))
+        x, y = x - self._origin[0], y - self._origin[1]
+        return ((x + 180) % 360 - 180 if self.rotated else x), y
 
     def index(self, lon, lat):
         x, y = self.plane(lon, lat)
         return x / self.step[0], y / self.step[1]
 
     def position(self, i, j):
-        x, y = np.asarray(i) * self.step[0], np.asarray(j) * self.step[1]
-        if self.crs is None:
-            return self.first[0] + x, self.first[1] + y
-        x0, y0 = self.first if self.rotated else self._projection.transform(*self.first)
-        return self._projection.transform(x + x0, y + y0, direction="INVERSE")
+        x = self._origin[0] + np.asarray(i) * self.step[0]
+        y = self._origin[1] + np.asarray(j) * self.step[1]
+        return (x, y) if self.crs is None else self._projection.transform(x, y, direction="INVERSE")
 
     def to_earth(self, u, v, lon, lat):
         """True east and north components of a wind along the message's axes."""
@@ -167,10 +170,7 @@ def fly(place, *, flights=26, reports=12, seconds=180):
     wind = place.wind(*place.index(lon, lat), np.log(pressure_of(feet)), elapsed / 3600)
     track, (u, v) = np.radians(back + 180.0), place.to_earth(*wind, lon, lat)
     ground = speed * np.sin(track), speed * np.cos(track)
-    airspeed, true = (
-        np.hypot(ground[0] - u, ground[1] - v),
-        np.arctan2(ground[0] - u, ground[1] - v),
-    )
+    airspeed, true = (f(ground[0] - u, ground[1] - v) for f in (np.hypot, np.arctan2))
     # In two days the geomagnetic field turns by under 0.001 degrees.
     east, north, _ = (part[0] for part in ppigrf.igrf(lon, lat, feet * 0.3048e-3, START))
     declination, horizontal = np.arctan2(east, north), np.hypot(east, north)
@@ -263,17 +263,10 @@ def _mercator(name, first, last, true):
 
 def _rotated(name, corner, pole):
     """Corner in rotated degrees; pole is the southern pole's (longitude, latitude)."""
-    size = (31, 27)
-    keys = grid_keys(
-        "rotated_ll",
-        size,
-        corner,
-        (corner[0] + size[0] - 1, corner[1] + size[1] - 1),
-        latitudeOfSouthernPoleInDegrees=pole[1],
-        longitudeOfSouthernPoleInDegrees=pole[0] % 360,
-        angleOfRotationInDegrees=0.0,
-        uvRelativeToGrid=1,
-    )
+    size, last = (31, 27), (corner[0] + 30, corner[1] + 26)
+    turn = {"latitudeOfSouthernPoleInDegrees": pole[1], "angleOfRotationInDegrees": 0.0}
+    turn |= {"longitudeOfSouthernPoleInDegrees": pole[0] % 360, "uvRelativeToGrid": 1}
+    keys = grid_keys("rotated_ll", size, corner, last, **turn)
     crs = f"+proj=ob_tran +o_proj=longlat +o_lon_p=0 +o_lat_p={-pole[1]} +lon_0={pole[0]}"
     return Place(name, keys, size, (1.0, 1.0), corner, f"{crs} {_SPHERE[2]}")
 

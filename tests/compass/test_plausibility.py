@@ -1,5 +1,7 @@
 """Each usual mistake is named, also by a run, and sound archives are not suspected."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -163,12 +165,11 @@ def test_each_mistake_is_named_for_the_whole_fleet(change, quantity, likely):
 
 def test_metres_for_feet_and_metres_per_second_for_knots_are_named_together():
     def change(fields, factor=KNOT):
+        height = fields["pressure_altitude"]
         # the reference is that of the reported level
-        low = (8.0 + 2e-3 * FOOT * fields["pressure_altitude"]) / (
-            8.0 + 2e-3 * fields["pressure_altitude"]
-        )
+        low = (8.0 + 2e-3 * FOOT * height) / (8.0 + 2e-3 * height)
         return {
-            "pressure_altitude": FOOT * fields["pressure_altitude"],
+            "pressure_altitude": FOOT * height,
             "reference": low * fields["reference"],
             "reported_heading": np.full(low.size, np.nan),
             "speed": factor * fields["speed"],
@@ -177,7 +178,7 @@ def test_metres_for_feet_and_metres_per_second_for_knots_are_named_together():
     found = {finding.quantity: finding.likely for finding in plausibility(archive(change))}
     assert found["pressure_altitude"] == "values in m read as ft"
     assert found["wind_speed"].startswith("values in m/s read as kt")
-    (finding,) = plausibility(archive(lambda fields: change(fields, 1.0)))
+    (finding,) = plausibility(archive(partial(change, factor=1.0)))
     assert finding.quantity == "pressure_altitude"
 
 
@@ -262,10 +263,8 @@ def test_clocks_of_another_time_zone(ahead, said):
 
 
 def test_the_status_and_the_sentence():
-    fits = xr.Dataset(
-        {"status": (("reference", "aircraft"), np.array([[0, 1, 4, 7, 0]], dtype=np.int8))},
-        coords={"reference": ["ruc"], "aircraft": ["A", "B", "C", "D", "E"]},
-    )
+    status = (("reference", "aircraft"), np.array([[0, 1, 4, 7, 0]], dtype=np.int8))
+    fits = xr.Dataset({"status": status}, coords={"reference": ["ruc"], "aircraft": list("ABCDE")})
     marked = with_implausible(fits, plausibility(archive(scaled("speed", KNOT))))
     bad = STATUS["implausible_reports"]
     assert marked["status"].values.tolist() == [[bad, 1, bad, bad, 0]]
@@ -319,7 +318,7 @@ def test_a_run_finds_the_offsets_and_warns_of_magnetic_headings_taken_for_true(
 ):
     # no cards, no evaluation and no page: what a run says comes before them
     monkeypatch.setattr("airswing.workflow.main.make_evaluation", lambda *_: Evaluation())
-    monkeypatch.setattr("airswing.workflow.main.make_page", lambda *_: None)
+    monkeypatch.setattr("airswing.report.run.page.write_page", lambda *_, **__: None)
     write_mode_s(tmp_path, flights=10)
     warnings = []
     for output, columns in (("right", {}), ("wrong", {"heading": "heading_deg"})):

@@ -100,7 +100,7 @@ def test_a_real_run_is_read_as_the_reader_of_model_winds_reads_it(real, tmp_path
 def test_the_whole_job_recovers_the_deviations(real, tmp_path, blank_cards, monkeypatch):
     """Every stage on real winds but the page, through two references of different leads."""
     real_winds.write_archive(tmp_path, real(GRIB), aircraft=6, seed=2)
-    monkeypatch.setattr("airswing.workflow.main.make_page", lambda *_: None)
+    monkeypatch.setattr("airswing.report.run.page.write_page", lambda *_, **__: None)
     fits = airswing.run(tmp_path / "config.yaml").fits
     truth = json.loads((tmp_path / "truth" / "truth.json").read_text())["aircraft"]
     tails = fits["aircraft"].values.astype(str)
