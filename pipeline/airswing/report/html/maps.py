@@ -1,19 +1,16 @@
 """Maps: positions of the reports over coasts, borders and states.
 
-A map is equirectangular: x is the longitude unwrapped around the middle of the data, and a degree
-of longitude is drawn cos(latitude of the middle) as wide as one of latitude, which serves up to the
-size of a continent. The outline is part of the package (``data/SOURCE.md``). Many reports (over
-20,000) are drawn as a density of hexagons; if there are more than `MOST_DRAWN`, every n-th is
-drawn, as stated in the caption. Counts are of all reports.
+Equirectangular: a degree of longitude is drawn cos(latitude of the middle) as wide as one of
+latitude, which serves up to the size of a continent. Sources of the outline: ``data/SOURCE.md``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib.resources import files
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -42,8 +39,7 @@ _LEVELS_HPA = (0, 400, 600, 800, 1100)  # Boundaries of the layers
 MOST_DRAWN = 500_000  # Reports a map draws at most
 
 
-@dataclass(frozen=True)
-class View:
+class View(NamedTuple):
     """Limits of a map, degrees; west and east are unwrapped and may pass -180 or 180."""
 
     west: float
@@ -74,8 +70,7 @@ def _narrowing(latitude: float) -> float:
 
 def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) -> View:
     """Return the map limits that contain all points, at least two degrees wide and high."""
-    lon, lat = np.asarray(longitude, float), np.asarray(latitude, float)
-    lon, lat = lon[np.isfinite(lon)], lat[np.isfinite(lat)]
+    lon, lat = (one[np.isfinite(one)] for one in (np.asarray(longitude), np.asarray(latitude)))
     if lon.size == 0 or lat.size == 0:
         return View(-180.0, 180.0, -90.0, 90.0)
     # The middle of the shortest arc that contains all longitudes.
@@ -85,9 +80,11 @@ def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) 
     first = values[(widest + 1) % values.size]
     middle = float(wrap_degrees(first + (360.0 - gaps[widest]) / 2))
     lon = wrap_degrees(lon - middle) + middle
-    x, y = (lon.min() + lon.max()) / 2, (lat.min() + lat.max()) / 2
+    (x, width), (y, height) = (
+        ((one.min() + one.max()) / 2, max(float(np.ptp(one)) * (1 + 2 * margin), 2.0))
+        for one in (lon, lat)
+    )
     narrowing = _narrowing(float(y))
-    width, height = (max(float(np.ptp(one)) * (1 + 2 * margin), 2.0) for one in (lon, lat))
     width = min(max(width, height / narrowing / _TALLEST), 360.0)
     height = max(height, width * narrowing * _FLATTEST)
     south, north = max(y - height / 2, -90.0), min(y + height / 2, 90.0)
@@ -96,38 +93,26 @@ def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) 
 
 @lru_cache(maxsize=1)
 def lines() -> dict[str, list[Floats]]:
-    """Return the lines of each layer (coast, border, state, lake) as (n, 2) arrays, degrees."""
-    source = files("airswing.report.html").joinpath("data/outline.npz")
+    """Return the lines of each layer as (n, 2) arrays, degrees; they may pass -180 or 180."""
+    source, layers = files("airswing.report.html").joinpath("data/outline.npz"), {}
     with source.open("rb") as stream, np.load(stream) as stored:
-        return {
-            name: np.split(
-                stored[f"{name}_points"] / 100.0, np.cumsum(stored[f"{name}_lengths"])[:-1]
-            )
-            for name in _LAYERS
-        }
-
-
-@lru_cache(maxsize=32)
-def lines_in(view: View, layer: str) -> list[Floats]:
-    """Return the lines of a layer within a view, unwrapped and split at its seam."""
-    parts = lines()[layer]
-    points = np.concatenate(parts)
-    shifted = np.column_stack([view.unwrapped(points[:, 0]), points[:, 1]])
-    seams = np.flatnonzero(np.abs(np.diff(shifted[:, 0])) > 180.0) + 1
-    starts = np.union1d(np.cumsum([0, *map(len, parts[:-1])]), seams)
-    low, high = np.minimum.reduceat(shifted, starts), np.maximum.reduceat(shifted, starts)
-    crosses = (high[:, 0] >= view.west) & (low[:, 0] <= view.east)
-    crosses &= (high[:, 1] >= view.south) & (low[:, 1] <= view.north)
-    crosses &= np.diff(starts, append=len(shifted)) > 1
-    return [part for part, seen in zip(np.split(shifted, starts[1:]), crosses, strict=True) if seen]
+        for name in _LAYERS:
+            ends = np.cumsum(stored[f"{name}_lengths"])[:-1]
+            layers[name] = [
+                np.column_stack([np.unwrap(longitude, period=360.0), latitude])
+                for longitude, latitude in np.split(
+                    stored[f"{name}_points"].T / 100.0, ends, axis=1
+                )
+            ]
+    return layers
 
 
 def draw_map(axes: Axes, view: View, *, ticks: int = 6) -> None:
     """Draw the outline in a panel and set its limits, aspect and degree labels."""
     for name, look in _LAYERS.items():
-        axes.add_collection(LineCollection(lines_in(view, name), zorder=1.5, **look), autolim=False)
-    limits = {"xlim": (view.west, view.east), "ylim": (view.south, view.north)}
-    axes.set(aspect=view.aspect, **limits)
+        turns = [line + np.array([turn, 0]) for turn in (-360, 0, 360) for line in lines()[name]]
+        axes.add_collection(LineCollection(turns, zorder=1.5, **look), autolim=False)
+    axes.set(aspect=view.aspect, xlim=view[:2], ylim=view[2:])
     axes.grid(True, linewidth=0.4)
     for axis, most, ends in ((axes.xaxis, ticks, "EW"), (axes.yaxis, max(ticks - 1, 3), "NS")):
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 3, 5, 10]))
@@ -143,12 +128,10 @@ def _degree_label(ends: str, value: float, _position: object = None) -> str:
 
 
 def _map_panels(
-    longitude: Floats, latitude: Floats, groups: Groups, columns: int, label: str = ""
+    longitude: Floats, latitude: Floats, groups: Groups, columns: int, label: str
 ) -> tuple[html.CaptionedFigure, bool]:
-    longitude, latitude = longitude.astype(float), latitude.astype(float)
-    view, rows = view_of(longitude, latitude), -(-len(groups) // columns)
+    view, rows, alone = view_of(longitude, latitude), -(-len(groups) // columns), len(groups) == 1
     dense = max(int(mask.sum()) for mask in groups.values()) > html.MANY
-    alone = len(groups) == 1
     width = (html.FULL_WIDTH - (1.1 if dense and alone else 0.0)) / columns - 0.55
     height = rows * (min(width * view.height_over_width, 7.0) + 0.55)
     figure, grid = html.panels(height, rows, columns, squeeze=False)
@@ -157,8 +140,7 @@ def _map_panels(
         axes.set_title(title)
         if dense and x.size:
             cells = 64 if alone else 40
-            look = Look(mincnt=1, cmap=html.DENSITY, norm=LogNorm(), linewidths=0.1)
-            look["extent"] = (view.west, view.east, view.south, view.north)
+            look = Look(mincnt=1, cmap=html.DENSITY, norm=LogNorm(), linewidths=0.1, extent=view)
             look["gridsize"] = cells, max(int(cells * view.height_over_width / np.sqrt(3)), 4)
             drawn = axes.hexbin(x, y, **look)
         else:
@@ -178,35 +160,39 @@ def _map_panels(
 def places_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
     """Return the section on the positions of the reports: maps of all, by phase and by level."""
     every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
-    thinned = f" One report in {every} is drawn." if every > 1 else ""
-    lon, lat = (headings[name].to_numpy() for name in ("longitude", "latitude"))
+    few, label, thinned = slice(None, None, every), "reports", ""
+    if every > 1:
+        label, thinned = f"one in {every} reports", f" One report in {every} is drawn."
+    lon, lat = (headings[name].to_numpy().astype(float) for name in ("longitude", "latitude"))
     phase, level = headings["phase"].to_numpy(), headings["pressure"].to_numpy() / 100.0
-    known = np.isfinite(lon + lat)
+    phases = {name: phase == PHASE[name] for name in ("ascent", "cruise", "descent", "unknown")}
+    if not phases["unknown"].any():
+        del phases["unknown"]
     layers = {
         f"{top}-{bottom} hPa" if top else f"above {bottom} hPa": (top <= level) & (level < bottom)
         for top, bottom in pairwise(_LEVELS_HPA)
     }
-    phases = {name: phase == PHASE[name] for name in ("ascent", "cruise", "descent", "unknown")}
-    if not phases["unknown"].any():
-        del phases["unknown"]
-
-    few = slice(None, None, every)
-    label = f"one in {every} reports" if every > 1 else "reports"
-    figure, dense = _map_panels(lon[few], lat[few], {"": known[few]}, 1, label)
-    how = "as a density of hexagons, darker where reports are many" if dense else "one dot each"
-    figure.say(
-        f"Positions of the reports (n = {plural(int(known.sum()), 'report')} of "
-        f"{plural(headings.sizes.get('aircraft', 0), 'aircraft')}), {how}.{thinned}"
-    )
-    parts, inner = [show("map", figure, dpi=120)], []
-    for kind, words, groups, columns in (
-        ("phase", "phase of flight", phases, len(phases)),
-        ("level", "layer", layers, 2),
+    parts = []
+    for name, words, groups, columns in (
+        ("map", "", {"": np.isfinite(lon + lat)}, 1),
+        ("map_by_phase", "phase of flight", phases, len(phases)),
+        ("map_by_level", "layer", layers, 2),
     ):
-        titled = {f"{name}  (n = {mask.sum():,})": mask[few] for name, mask in groups.items()}
-        figure, _ = _map_panels(lon[few], lat[few], titled, columns)
-        number = sum(int(mask.sum()) for mask in groups.values())
-        figure.say(f"The reports by {words} (n = {number:,}).{thinned}")
-        inner.append(show(f"map_by_{kind}", figure, dpi=120))
-    parts.append(html.folded("By phase of flight and by level", *inner))
-    return html.Section("places", "Positions of the reports", "", parts)
+        numbers = {title: int(mask.sum()) for title, mask in groups.items()}
+        titled = {
+            f"{title}  (n = {numbers[title]:,})" if title else "": mask[few]
+            for title, mask in groups.items()
+        }
+        figure, dense = _map_panels(lon[few], lat[few], titled, columns, label)
+        number, how = sum(numbers.values()), "one dot each"
+        caption = f"The reports by {words} (n = {number:,}).{thinned}"
+        if not words:
+            if dense:
+                how = "as a density of hexagons, darker where reports are many"
+            caption = (
+                f"Positions of the reports (n = {plural(number, 'report')} of "
+                f"{plural(headings.sizes['aircraft'], 'aircraft')}), {how}.{thinned}"
+            )
+        parts.append(show(name, figure.say(caption), dpi=120))
+    folded = html.folded("By phase of flight and by level", *parts[1:])
+    return html.Section("places", "Positions of the reports", "", [parts[0], folded])

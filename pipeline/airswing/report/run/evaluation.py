@@ -45,6 +45,7 @@ _HELD_OUT = {
     "later": ("Later reports", "Fitted up to {learned_until}, applied on all later days"),
     "held_out": ("Days held out of the fit", "Cross-validation over days ({folds} parts)"),
 }
+_PERIODS = ("before", "during")
 _SLICES = ("lead time", "phase of flight", "level", "season")
 # Words and colour of ``poolable``.
 _VERDICTS = {
@@ -99,14 +100,15 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
     """
     groups = field_test["groups"]
     figure, (left, right) = html.panels(1.5 + 0.5 * len(groups), 1, 2, width_ratios=(1.5, 1))
-    for when, colour, marker, shift in (("before", html.ORANGE, "o", -1), ("during", BLUE, "D", 1)):
-        values, ends = _speeds(groups.values(), when, units)
-        left.plot(values, range(len(groups)), marker, color=colour, markersize=7, label=when)
-        for row, (value, entry) in enumerate(zip(values, groups.values(), strict=True)):
-            left.plot(ends[:, row], [row + 0.14 * shift] * 2, color=colour, linewidth=1.3)
-            side = shift if entry["before_kt"] <= entry["during_kt"] else -shift
+    falls = np.array([one["before_kt"] > one["during_kt"] for one in groups.values()])
+    looks = (html.ORANGE, "o", -1), (BLUE, "D", 1)
+    for when, (colour, marker, shift) in zip(_PERIODS, looks, strict=True):
+        (values, ends), rows = _speeds(groups.values(), when, units), np.arange(len(groups))
+        left.plot(values, rows, marker, color=colour, markersize=7, label=when)
+        left.plot(ends, np.tile(rows + 0.14 * shift, (2, 1)), color=colour, linewidth=1.3)
+        for row, side in enumerate(np.where(falls, -shift, shift)):
             look = Look(va="center", ha="left" if side > 0 else "right", fontsize=9)
-            html.annotate(left, f"{value:.2f}", (value, row), (9 * side, 0), **look)
+            html.annotate(left, f"{values[row]:.2f}", (values[row], row), (9 * side, 0), **look)
     names = [f"{name}\n{entry['aircraft']} aircraft" for name, entry in groups.items()]
     html.rows_axis(left, names, f"mean vector disagreement ({units})")
     left.margins(x=0.16)
@@ -125,8 +127,7 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
     html.rows_axis(right, [label for label, *_ in changes], f"reduction ({units})")
     right.margins(x=0.14)
     figure.legend(loc="outside upper left", ncols=2)
-    both = ("reports_before", "reports_during")
-    number = sum(int(entry.get(name, 0)) for entry in groups.values() for name in both)
+    number = sum(int(one.get(f"reports_{when}", 0)) for one in groups.values() for when in _PERIODS)
     return figure.say(
         "Mean length of the difference between reported and reference wind of each group, and its "
         f"reduction, with 95 % intervals (n = {plural(number, 'report')})."
@@ -179,18 +180,13 @@ def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
     if field_test.get("reference"):
         lead += f", against {field_test['reference']}"
     groups = field_test["groups"]
-    columns = {
-        "group": groups,
-        "aircraft": [entry["aircraft"] for entry in groups.values()],
-        **{
-            f"{key} ({units})": [_change(one, key, units, unit=False) for one in groups.values()]
-            for key in ("before", "during", "reduction")
-        },
-        **{
-            f"reports {when}": [int(one.get("reports_" + when, 0)) for one in groups.values()]
-            for when in ("before", "during")
-        },
-    }
+    rows = []
+    for name, one in groups.items():
+        row = {"group": name, "aircraft": one["aircraft"]}
+        for key in ("before", "during", "reduction"):
+            row[f"{key} ({units})"] = _change(one, key, units, unit=False)
+        reports = {f"reports {when}": int(one.get(f"reports_{when}", 0)) for when in _PERIODS}
+        rows.append(row | reports)
     caption = "Mean vector disagreement; in brackets 95 % intervals."
     checks, lines = [], []
     if field_test.get("by_aircraft") or field_test.get("permutation"):
@@ -204,7 +200,7 @@ def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
     checks.append(html.listing([*lines, *field_test.get("notes", [])]))
     parts = [
         show("field_test", field_test_figure(field_test, units=units)),
-        html.table(columns, words=["group"], caption=caption),
+        html.table(rows, words=["group"], caption=caption),
         html.folded("Checks: single aircraft, permutation, choice of groups", *checks),
     ]
     return html.Section("field-test", "Field test", f"{lead}.", parts)
@@ -436,16 +432,13 @@ def _why(pair: Content) -> str:
 
 def report_errors_section(errors: xr.Dataset, show: html.Figures) -> html.Section:
     """Return the section on the observation error of the reports alone."""
-    title, units, factor = (
-        "Observation error of the reports",
-        show.units,
-        html.per_m_s(show.units),
-    )
+    title, units = "Observation error of the reports", show.units
+    factor = html.per_m_s(units)
     why = str(errors.attrs.get("method_reason", "")).replace("m2/s2", "m²/s²")
     used = str(errors.attrs.get("method", ""))
     if not used:
         return html.Section("report-errors", title, "It could not be determined.", [why])
-    lines = [f"Method: {_METHODS.get(used, used)} ({why})."]
+    lines = [f"Method: {_METHODS[used]} ({why})."]
     before, after = factor * errors["aircraft_observation_error"].transpose("state", ...)
     gain = (before - after).to_numpy()
     if np.isfinite(gain).any():
@@ -454,18 +447,20 @@ def report_errors_section(errors: xr.Dataset, show: html.Figures) -> html.Sectio
             f"Largest improvement: {errors['aircraft'].to_numpy()[best]}, {before[best]:.2f} "
             f"{units} as reported, {after[best]:.2f} corrected."
         )
-    columns: dict[str, list[str]] = {"method": list(_METHODS.values())}
-    for state, *_ in html.STATES:
-        fleet = errors.sel(state=state, way=list(_METHODS))
-        names = (f"fleet_observation_error_by_method{end}" for end in ("", "_interval"))
-        both = zip(*(fleet[name].transpose("way", ...).values for name in names), strict=True)
-        columns[f"{state} ({units})"] = [html.amount(*one, factor=factor) for one in both]
+    rows, name = [], "fleet_observation_error_by_method"
+    for way, words in _METHODS.items():
+        row = {"method": words}
+        for state, *_ in html.STATES:
+            one = errors.sel(state=state, way=way)
+            ends = one[f"{name}_interval"].to_numpy()
+            row[f"{state} ({units})"] = html.amount(one[name], ends, factor=factor)
+        rows.append(row)
     caption = (
         "Error of a component over all reports, with 95 % intervals. The three-cornered hat counts "
         "the common error of the references as error of the reports. Grey italics: not used."
     )
     doubt = [method != used for method in _METHODS]
-    methods = html.table(columns, words=["method"], caption=caption, doubt=doubt)
+    methods = html.table(rows, words=["method"], caption=caption, doubt=doubt)
     parts = [
         show("observation_errors", _report_errors_figure(errors, units)),
         html.folded("Both methods", methods, html.listing(lines)),
@@ -478,10 +473,11 @@ def _report_errors_figure(errors: xr.Dataset, units: Units) -> Figure:
     cells = {phase: int(known.sel(flight_phase=phase)) for phase in ("ascent", "cruise", "descent")}
     phases = [phase for phase in cells if cells[phase]]
     if not phases:
-        message = "Too few reports near each other to separate the observation error"
-        return html.empty_figure(message)
-    factor, shared = html.per_m_s(units), Look(sharey=True, sharex=True, squeeze=False)
-    figure, (panels,) = html.panels(4.2, 1, len(phases), **shared)
+        return html.empty_figure(
+            "Too few reports near each other to separate the observation error"
+        )
+    factor = html.per_m_s(units)
+    figure, (panels,) = html.panels(4.2, 1, len(phases), sharey=True, sharex=True, squeeze=False)
     level = (errors["layer_bottom_pressure"] + errors["layer_top_pressure"]).to_numpy() / 200.0
     for axes, phase in zip(panels, phases, strict=True):
         for name, (label, line) in _USED_ELSEWHERE.items():

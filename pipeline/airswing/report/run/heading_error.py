@@ -1,13 +1,8 @@
 """Heading error of an aircraft against its magnetic heading: the common drawing, and swing cards.
 
-:func:`draw_heading_error` draws the reports, binned medians, the fitted curve with its 95 %
-interval and the 8-point table in a panel. The interval of a median takes reports as independent;
-those of one flight are not, so it is too narrow and only a visual guide. The interval of the curve
-is 1.96 standard errors of the covariance clustered by flight.
-
-A swing card is the deviation card of a compass swing: the 8-point table for the unit, the compass
-heading to steer for each magnetic heading, the deviation's formula and the data behind them. The
-file depends only on its input: the date on the card is that of the fits.
+The interval of a median takes reports as independent; those of one flight are not, so it is only a
+visual guide. A swing card is the deviation card of a compass swing. The file depends only on its
+input: the date on a card is that of the fits.
 """
 
 from __future__ import annotations
@@ -23,13 +18,15 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Wedge
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.compass.correction import deviation_curve
+from airswing.compass.correction import deviation_curve, main_reference
 from airswing.errors import InputError
 from airswing.flags import STATUS, published
 from airswing.physics.robust_spread import robust_sd
+from airswing.products.ragged import aircraft_reports
 from airswing.products.whole_files import atomic
 from airswing.report import html
 from airswing.report.html import BLUE, INK, SKY, SOFT, VERMILION, Look, Units, plural
@@ -112,27 +109,26 @@ def draw_heading_error(
     """
     usable, curve = bool(published(fit["status"])), _curve(fit)
     limit = _error_limit(error, curve) if limit is None else limit
-    scale = 0.6 if small else 1.0
+    scale, every = 1.0, 1
+    if small:
+        scale, every = 0.6, max(-(-heading.size // _SMALL_DRAWN), 1)
     if heading.size > html.MANY and not small:
         grid = Look(gridsize=(72, 36), extent=(0, 360, -limit, limit), mincnt=1, cmap="Greys")
         axes.hexbin(heading, error, bins="log", linewidths=0.0, alpha=0.75, rasterized=True, **grid)
     else:
-        every = max(-(-heading.size // _SMALL_DRAWN), 1) if small else 1
         alpha = float(np.clip(900.0 / max(heading.size / every, 1), 0.08, 0.6))
         dots = Look(color=SOFT, alpha=alpha, markeredgewidth=0, zorder=1.6)
         dots |= Look(markersize=1.6 if small else 2.4, rasterized=True)  # in the PDF of the cards
         axes.plot(heading[::every], error[::every], "o", **dots)
     axes.axhline(0.0, color=INK, linewidth=0.8, zorder=1.7)
     if np.isfinite(fit["deviation"].to_numpy()).any():
-        half = curve_half_width(fit, _GRID)
-        band = Look(color=SKY, alpha=0.45, linewidth=0.0, zorder=2.0)
-        band["label"] = "95 % interval of the fit"
+        half, label = curve_half_width(fit, _GRID), "95 % interval of the fit"
+        band = Look(color=SKY, alpha=0.45, linewidth=0.0, zorder=2.0, label=label)
         axes.fill_between(_GRID, curve - half, curve + half, **band)
-        line = Look(color=BLUE, linewidth=2.2 * scale, zorder=3)
-        line["linestyle"], line["label"] = "-", "fitted curve"
-        if not usable:
-            line["linestyle"], line["label"] = (0, (4, 2)), "fit, not usable"
-        axes.plot(_GRID, curve, **line)
+        line = Look(linestyle=(0, (4, 2)), label="fit, not usable")
+        if usable:
+            line = Look(linestyle="-", label="fitted curve")
+        axes.plot(_GRID, curve, color=BLUE, linewidth=2.2 * scale, zorder=3, **line)
     if bins is None:
         bins = binned_medians(heading, error, width=SMALL_BIN_WIDTH if small else BIN_WIDTH)
     centre, median, reach = bins
@@ -184,9 +180,10 @@ def heading_error_figure(
     InputError
         If the aircraft or the reference is not in the fits.
     """
-    run = Run.of(headings, fits, reference, units)
+    run = Run(headings, fits, reference or main_reference(fits), units)
     fit = run.fit(aircraft)
-    name, (heading, error) = str(fit["aircraft"].to_numpy()), run.points(aircraft)
+    name = str(fit["aircraft"].to_numpy())
+    heading, error = run.points(name)
     figure, axes = html.panels(4.1)
     draw_heading_error(axes, heading, error, fit)
     axes.set_title(f"{name} against {run.reference}:  {selection.fit_words(fit)}")
@@ -225,8 +222,8 @@ def heading_errors_figure(run: Run, names: Sequence[str]) -> Figure:
 def small_panels(number: int) -> tuple[html.CaptionedFigure, list[Axes]]:
     """Return a figure with a number of panels of one scale, four in a row."""
     rows = -(-number // _COLUMNS)
-    options = {"sharex": True, "sharey": True, "squeeze": False}
-    figure, grid = html.panels(0.45 + 1.85 * rows, rows, _COLUMNS, **options)
+    shared = Look(sharex=True, sharey=True, squeeze=False)
+    figure, grid = html.panels(0.45 + 1.85 * rows, rows, _COLUMNS, **shared)
     for axes in grid.flat[number:]:
         axes.axis("off")
     return figure, list(grid.flat[:number])
@@ -248,27 +245,26 @@ def coverage_figure(headings: xr.Dataset, names: Sequence[str]) -> Figure:
     rows = -(-len(names) // columns)
     pitch_x, pitch_y, turn = 2.45, 3.0, 360.0 / _SECTORS
     figure, axes = html.panels(min(9.6 / columns * pitch_y / pitch_x, 2.4) * rows + 0.1)
-    total, circles, wedges, middle = 0, [], [], {"ha": "center", "va": "center"}
+    total, circles, wedges, middle = 0, [], [], Look(ha="center", va="center")
     for index, name in enumerate(names):
-        reports = headings[["magnetic_heading", "screening"]]
-        reports = reports.isel(report=selection.rows_of(headings, name))
+        reports = aircraft_reports(headings, name)
         heading = reports["magnetic_heading"].to_numpy()[selection.used(reports)].astype(float)
         heading = heading[np.isfinite(heading)]
+        total += heading.size
         x, y = pitch_x * (index % columns), -pitch_y * (index // columns)
-        counts = sector_counts(heading)
         circles.append(Circle((x, y), 1.0))
+        counts = sector_counts(heading)
         for place, radius in enumerate(np.sqrt(counts / max(int(counts.max()), 1))):
             east = 90.0 - turn * place  # anticlockwise from east
             wedges.append(Wedge((x, y), float(radius), east - turn / 2, east + turn / 2))
-        total += heading.size
         points = int(np.count_nonzero(sector_counts(heading, sectors=8)))
         axes.text(x, y + 1.14, "N", fontsize=7, color=SOFT, **middle)
         axes.text(x, y - 1.2, name, fontsize=9, weight="bold", **middle)
         below, colour = f"{heading.size:,}, {points} of 8", INK if points == 8 else VERMILION
         axes.text(x, y - 1.48, below, fontsize=7.5, color=colour, **middle)
     axes.add_collection(PatchCollection(circles, facecolor="none", edgecolor=html.FAINT))
-    look = Look(facecolor=BLUE, edgecolor="white", linewidth=0.4)
-    axes.add_collection(PatchCollection(wedges, alpha=0.9, **look))
+    look = Look(facecolor=BLUE, edgecolor="white", linewidth=0.4, alpha=0.9)
+    axes.add_collection(PatchCollection(wedges, **look))
     axes.set(xlim=(-1.25, pitch_x * (columns - 1) + 1.25), aspect="equal")
     axes.set_ylim(-pitch_y * (rows - 1) - 1.7, 1.3)
     axes.axis("off")
@@ -285,13 +281,9 @@ def steer(error: ArrayLike, wanted: ArrayLike) -> Floats:
     The heading error (8,) at indicated headings 0, 45, ... 315 degrees is linear between them;
     neighbours differ by less than 45 degrees, or there is no single answer. Degrees.
     """
-    values = np.asarray(error, dtype=np.float64)
-    nodes = np.arange(0.0, 360.0, 360.0 / values.size)
-    # m - error(m) is piecewise linear and increases: invert it between the nodes of three turns.
-    compass = np.concatenate([nodes + turn for turn in (-360.0, 0.0, 360.0)])
-    magnetic = compass - np.tile(values, 3)
-    aim = np.mod(np.asarray(wanted, dtype=np.float64), 360.0)
-    return np.asarray(np.mod(np.interp(aim, magnetic, compass), 360.0))
+    values, aim = np.asarray(error, float), np.asarray(wanted, float)
+    magnetic = np.arange(0.0, 360.0, 45.0) - values
+    return np.asarray((aim + np.interp(aim, magnetic, values, period=360.0)) % 360.0)
 
 
 @html.drawing()
@@ -332,7 +324,8 @@ def write_swing_cards(
         raise InputError(
             "the fits contain no tables", field="table_correction", remedy="Call add_tables first"
         )
-    run = Run.of(selection.drawn_columns(headings), fits, reference, units)
+    drawn = selection.drawn_columns(headings)
+    run = Run(drawn, fits, reference or main_reference(fits), units)
     usable = published(fits["status"].sel(reference=run.reference))
     chosen = selection.names_of(fits.isel(aircraft=usable))
     # Without dates, or the same cards would differ from run to run.
@@ -358,8 +351,7 @@ def swing_card(run: Run, aircraft: str) -> Figure:
     figure.text(0.08, 0.955, f"Compass deviation card  {aircraft}", fontsize=16, weight="bold")
     subtitle = "Magnetic compass, swung in flight. All angles in degrees."
     figure.text(0.08, 0.935, subtitle, color=SOFT)
-    rows = selection.rows_of(run.headings, aircraft)
-    reports = run.headings[["time", "screening"]].isel(report=rows).load()
+    reports = aircraft_reports(run.headings, aircraft)
     times = np.sort(reports["time"].to_numpy()[selection.used(reports)]).astype("M8[D]")
     made = str(fit.attrs.get("history", "")).split("T")[0] or "-"
     behind = [plural(int(fit[f"{name}_count"]), name) for name in ("report", "flight")]
@@ -383,27 +375,40 @@ def swing_card(run: Run, aircraft: str) -> Figure:
     draw_heading_error(axes, *run.points(aircraft), fit)
     axes.legend(loc="upper center", bbox_to_anchor=(0.47, -0.16), ncols=4, fontsize=8)
     nodes, error = selection.table_error(fit)
-    correction = fit["table_correction"].to_numpy().astype(float) + 0.0
-    half = selection.curve_half_width(fit, nodes)
-    what = "heading error, to subtract" if selection.adds_error(fit) else "to add"
-    columns = [
-        (0.10, "", list(_POINTS)),
-        (0.32, "indicated", [f"{node:03.0f}" for node in nodes]),
-        (0.66, what, [f"{value:+.1f}" for value in correction]),
-        (0.94, "± 95 %", [f"{value:.1f}" for value in half]),
-    ]
-    _columns(figure.add_axes((0.08, 0.225, 0.40, 0.215)), "8-point table for the unit", columns)
-    names = {0: "N", 90: "E", 180: "S", 270: "W"}
-    aims = [names.get(int(aim), f"{aim:03.0f}") for aim in CARD_HEADINGS]
+    aims = [_POINTS[aim // 45] if aim % 90 == 0 else f"{aim:03d}" for aim in range(0, 360, 30)]
     steered = [f"{np.rint(one) % 360:03.0f}" for one in steer(error, CARD_HEADINGS)]
-    columns = [
-        (0.15, "FOR", aims[:6]),
-        (0.38, "STEER", steered[:6]),
-        (0.67, "FOR", aims[6:]),
-        (0.90, "STEER", steered[6:]),
-    ]
-    title = "Deviation card (magnetic headings)"
-    _columns(figure.add_axes((0.53, 0.225, 0.40, 0.215)), title, columns)
+    what = "heading error, to subtract" if selection.adds_error(fit) else "to add"
+    # left end, title, and columns: right end, title, cells
+    tables = (
+        (
+            0.08,
+            "8-point table for the unit",
+            (0.10, "", _POINTS),
+            (0.32, "indicated", [f"{node:03.0f}" for node in nodes]),
+            (0.66, what, [f"{value + 0.0:+.1f}" for value in fit["table_correction"].values]),
+            (0.94, "± 95 %", [f"{half:.1f}" for half in curve_half_width(fit, nodes)]),
+        ),
+        (
+            0.53,
+            "Deviation card (magnetic headings)",
+            (0.15, "FOR", aims[:6]),
+            (0.38, "STEER", steered[:6]),
+            (0.67, "FOR", aims[6:]),
+            (0.90, "STEER", steered[6:]),
+        ),
+    )
+    for left, title, *columns in tables:
+        axes = figure.add_axes((left, 0.225, 0.40, 0.215))
+        axes.axis("off")
+        axes.set(xlim=(0, 1), ylim=(0, 1))
+        axes.text(0, 1.0, title, weight="bold", fontsize=10, va="bottom")
+        axes.axhline(0.885, color=SOFT, linewidth=0.8)
+        look = Look(ha="right", fontsize=9)
+        for x, label, cells in columns:
+            axes.text(x, 0.93, label, color=SOFT, va="center", **look)
+            # one text a column: each text takes a millisecond
+            spacing = 19.5 / len(cells)
+            axes.text(x, 0.85, "\n".join(cells), va="top", linespacing=spacing, **look)
     coefficients = ",  ".join(f"{k} = {v}" for k, v in selection.coefficient_texts(fit).items())
     words = [
         selection.FORMULA[0],
@@ -414,21 +419,7 @@ def swing_card(run: Run, aircraft: str) -> Figure:
     ]
     figure.text(0.08, 0.2, "\n".join(words), color=INK, fontsize=8, **lines)
     blanks = {"Checked by": (0.08, 0.35), "Date": (0.39, 0.58), "Signature": (0.62, 0.93)}
-    for label, (x, right) in blanks.items():
-        figure.text(x, 0.06, label, fontsize=8, color=SOFT)
-        rule = matplotlib.lines.Line2D([x, right], [0.075, 0.075], color=INK, linewidth=0.8)
-        figure.add_artist(rule)
+    for label, ends in blanks.items():
+        figure.text(ends[0], 0.06, label, fontsize=8, color=SOFT)
+        figure.add_artist(Line2D(ends, [0.075, 0.075], color=INK, linewidth=0.8))
     return figure
-
-
-def _columns(axes: Axes, title: str, columns: list[tuple[float, str, list[str]]]) -> None:
-    """Write columns of text (place, title, cells) with a rule below their titles."""
-    axes.axis("off")
-    axes.set(xlim=(0, 1), ylim=(0, 1))
-    axes.text(0, 1.0, title, weight="bold", fontsize=10, va="bottom")
-    axes.axhline(0.885, color=SOFT, linewidth=0.8)
-    for x, label, cells in columns:
-        look = Look(ha="right", fontsize=9)
-        axes.text(x, 0.93, label, color=SOFT, va="center", **look)
-        # one text a column: each text takes a millisecond
-        axes.text(x, 0.85, "\n".join(cells), va="top", linespacing=19.5 / len(cells), **look)

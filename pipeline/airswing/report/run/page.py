@@ -16,6 +16,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from airswing.compass.correction import main_reference
 from airswing.evaluation import Evaluation
 from airswing.flags import published
 from airswing.products.ragged import time_span
@@ -38,8 +39,9 @@ SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS, OVERVIEW = 96, 12, 12, 40
 # Most skipped report files that are named; the product names all.
 _FILES_NAMED = 20
 
-# Attributes of the headings that are listed.
-_SOURCE = {
+# Words on entries of the summary and attributes of the headings that are listed.
+_ENTRIES = {
+    "watched": "monitoring",
     "airswing_version": "version",
     "source": "source",
     "history": "history",
@@ -75,7 +77,7 @@ def write_page(
     headings: xr.Dataset,
     fits: xr.Dataset,
     corrected: xr.Dataset | None = None,
-    summary: Mapping[str, object] | None = None,
+    summary: Mapping[str, Any] | None = None,
     evaluation: Evaluation | None = None,
     apart: BeforeAfter | None = None,
     units: Units = "kt",
@@ -110,25 +112,22 @@ def write_page(
         If the page cannot be written.
     """
     folder, summary, found = Path(directory), summary or {}, evaluation or Evaluation()
-    asked, known = str(summary.get("reference", "")), names_of(fits, "reference")
-    drawn = selection.drawn_columns(headings)
-    run = Run.of(drawn, fits, asked if asked in known else None, units)
-    show, reference = html.Figures(folder / "figures", units), run.reference
+    reference = summary.get("reference") or main_reference(fits)
+    run = Run(selection.drawn_columns(headings), fits, reference, units)
+    show = html.Figures(folder / "figures", units)
     if corrected is not None and apart is None:
         apart = selection.disagreement(headings, corrected, reference)
     total, period, errors = apart and apart.total, None, found.observation_errors
     if headings.sizes["report"]:
         first, last = np.datetime_as_string(time_span(headings), "D")
         period = str(first), str(last)
+    given = {**summary, **{name: headings.attrs.get(name) for name in list(_ENTRIES)[1:]}}
     entries = {
-        {"watched": "monitoring"}.get(name, str(name).replace("_", " ")): value
-        for name, value in summary.items()
-        if isinstance(value, str | int | float) and not isinstance(value, bool)
+        _ENTRIES.get(name, name.replace("_", " ")): str(value)
+        for name, value in given.items()
+        if isinstance(value, str | int | float)
     }
-    entries |= {
-        words: headings.attrs[name] for name, words in _SOURCE.items() if name in headings.attrs
-    }
-    columns = {"item": entries, "value": map(str, entries.values())}
+    columns = {"item": entries, "value": entries.values()}
     sections = [
         _corrections_section(run, folder, summary),
         found.monitoring and monitoring_section(found.monitoring, show),
@@ -144,13 +143,12 @@ def write_page(
         _audit_section(headings, show),
         html.Section("run", "This run", "", [html.table(columns, words=["item"], long=["value"])]),
     ]
-    warnings = summary.get("warnings")
     text = html.document(
         title="airswing: compass deviation of the fleet",
         kicker=f"Compass deviation from wind reports  ·  {' to '.join(period or ['no reports'])}",
         headline=selection.headline(fits, total, reference, units),
         facts=_facts(run, total),
-        warnings=[str(line) for line in warnings] if isinstance(warnings, Iterable) else [],
+        warnings=summary.get("warnings", ()),
         sections=sections,
         footer=f"airswing {__version__}. ± and ranges in brackets are 95 % intervals, with flights "
         "as the independent units, unless stated otherwise. Map outline: Natural Earth and US "
@@ -177,11 +175,9 @@ def _facts(run: Run, total: BeforeAfter | None) -> list[tuple[str, str]]:
 
 
 def _corrections_section(run: Run, folder: Path, summary: Mapping[str, Any]) -> html.Section:
-    meaning = (
-        "the heading error itself, in degrees to subtract from the indicated heading"
-        if selection.adds_error(run.fits)
-        else "in degrees to add to the indicated heading"
-    )
+    meaning = "in degrees to add to the indicated heading"
+    if selection.adds_error(run.fits):
+        meaning = "the heading error itself, in degrees to subtract from the indicated heading"
     caption = (
         f"Eight-point corrections by indicated magnetic heading ({meaning}), fitted against "
         f"{run.reference}. Residual: rms error from eight points and rounding, degrees. Offset, "
@@ -216,11 +212,11 @@ def _corrections_section(run: Run, folder: Path, summary: Mapping[str, Any]) -> 
         "The deviation's formula, and offset, amplitude and phase",
     )
     there = ((PRODUCTS[one], f"../{one}") for one in PRODUCTS if (folder.parent / one).exists())
-    links = [*there, *(summary.get("links") or ())]
+    links = [*there, *summary.get("links", ())]
     parts = [
         html.table(columns, words=words, caption=caption, doubt=~usable, sortable=True),
         html.folded(folding, *selection.FORMULA),
-        html.listing(html.link(str(address), str(label)) for label, address in links),
+        html.listing(html.link(address, label) for label, address in links),
     ]
     lead = "The table to load into each unit."
     if not usable.any():
@@ -288,13 +284,12 @@ def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
         known = np.isfinite(value)
         marked |= known
         for index, reference in enumerate(references):
-            solid = html.series(index, label=reference)
+            solid, y = html.series(index, label=reference), np.arange(len(names)) + shift[index]
             hollow = {**solid, "color": SOFT, "markerfacecolor": "white", "label": None}
             for usable, look in ((True, solid), (False, hollow)):
-                (rows,) = np.nonzero(known[index] & (good[index] == usable))
-                x, reach = value[index][rows], half[index][rows]
-                ends = x - reach, x + reach
-                html.intervals(axes, x, ends, rows + shift[index], markersize=4.5, **look)
+                x = np.where(good[index] == usable, value[index], np.nan)
+                ends = x - half[index], x + half[index]
+                html.intervals(axes, x, ends, y, markersize=4.5, **look)
         html.rows_axis(axes, names, f"{quantity} of the heading error (degree)")
         axes.set_title(quantity.capitalize())
         # Limits from the usable fits, so that one wild fit does not compress the others.
@@ -351,8 +346,14 @@ def _before_after_figure(run: Run, apart: BeforeAfter, aircraft: Sequence[str]) 
 
 
 def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
-    reading, rules = tally(headings, "reading_audit"), selection.screening_audit(headings)
-    total, kept = headings.sizes["report"], selection.kept_reports(headings)
+    reading, total, kept = (
+        tally(headings, "reading_audit"),
+        headings.sizes["report"],
+        selection.kept_reports(headings),
+    )
+    rules = [(rule.replace("_", " "), *rest) for rule, *rest in selection.screening_audit(headings)]
+    names, marked, alone = zip(*rules, strict=True) if rules else ((), (), ())
+    shares = [f"{100 * number / total:.1f} %" for number in marked]
     reasons = [
         (before + name.replace("_", " "), number, colour)
         for before, key, colour in (("", "dropped", SOFT), ("repaired: ", "repaired", FAINT))
@@ -364,9 +365,6 @@ def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
     widths = (1.25, 1) if reasons else (1, 0.001)
     figure, (left, right) = html.panels(1.5 + 0.32 * lines, 1, 2, width_ratios=widths)
     left.set_title("Screening before the fit")
-    names = [rule.replace("_", " ") for rule, *_ in rules]
-    marked, alone = [rule[1] for rule in rules], [rule[2] for rule in rules]
-    shares = [f"{100 * number / total:.1f} %" for number in marked]
     if rules:
         texts = [f"{number:,} ({share})" for number, share in zip(marked, shares, strict=True)]
         html.bars(left, names, marked, texts, "reports", color=html.SKY, label="by this rule")
@@ -387,14 +385,9 @@ def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
         f"{kept:,} ({100 * kept / max(total, 1):.1f} %) entered the fits "
         f"(n = {plural(total, 'report')}). Dark: marked only by that rule."
     )
-    columns: dict[str, Iterable[object]] = {
-        "rule": names,
-        "reports marked": marked,
-        "only by this rule": alone,
-        "share of all": shares,
-    }
+    titles = ("rule", "reports marked", "only by this rule", "share of all")
+    columns = dict(zip(titles, (names, marked, alone, shares), strict=True))
     caption = f"Screening by rule (n = {total:,} reports)."
-    counts = html.table(columns, words=["rule"], caption=caption)
     others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:_FILES_NAMED]
     messages = [*reading_warnings(reading), *(f"also left out: {reason}" for reason in others)]
     for name, entry in tally(headings, "reference_audit").items():
@@ -402,7 +395,7 @@ def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
         messages += [f"{name}: {line}" for line in [*why, *entry.get("notes", [])]]
     parts = [
         show("screening", figure),
-        html.folded("Counts", counts),
+        html.folded("Counts", html.table(columns, words=["rule"], caption=caption)),
         html.folded("Files and messages", html.listing(messages), unfolded=True),
     ]
     return html.Section("audit", "Omitted reports", "", parts)

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from airswing.compass.correction import error_from_table
 from airswing.errors import InputError
-from airswing.evaluation.innovations import member_mean
-from airswing.evaluation.resampling import cluster_sums, clustered_mean
+from airswing.evaluation.innovations import member_mean, parts_of
+from airswing.evaluation.resampling import SUMS, cluster_sums, clustered_mean
 from airswing.flags import SCREENING, STATUS, is_corrected, published
 from airswing.physics.compass_deviation import deviation_basis
-from airswing.products.ragged import aircraft_of_report, blocks, row_bounds
+from airswing.products.ragged import aircraft_reports
 from airswing.report.html import Units, interval_text, per_kt, per_m_s
 from airswing.units import KNOT, NORMAL_95
 
@@ -79,13 +79,6 @@ class Run:
     reference: str
     units: Units = "kt"
 
-    @classmethod
-    def of(cls, headings: xr.Dataset, fits: xr.Dataset, reference: str | None, units: Units) -> Run:
-        """Return a run; by default against the first pool, else the first reference."""
-        known, names = names_of(headings, "reference"), names_of(fits, "reference")
-        main = next((name for name in names if name not in known), names[0])
-        return cls(headings, fits, reference or main, units)
-
     @cached_property
     def order(self) -> list[str]:
         """Aircraft with the largest amplitude first and refused fits last."""
@@ -95,10 +88,17 @@ class Run:
 
     def fit(self, aircraft: str | int) -> xr.Dataset:
         """Return the fit of one aircraft, or raise InputError."""
-        what = "no fit against this reference"
-        reference = _place(self.fits, "reference", self.reference, what)
-        aircraft = _place(self.fits, "aircraft", aircraft)
-        return self.fits.isel(reference=reference, aircraft=aircraft)
+        chosen: dict[str, str | int] = {"reference": self.reference, "aircraft": aircraft}
+        for coordinate, name in chosen.items():
+            known = names_of(self.fits, coordinate)
+            if isinstance(name, int | np.integer):
+                name = known[name]
+            if name not in known:
+                what = f"no such {coordinate}"
+                choice = f"Choose from {', '.join(known[:8])}{' ...' if len(known) > 8 else ''}"
+                raise InputError(what, field=coordinate, found=name, remedy=choice)
+            chosen[coordinate] = known.index(name)
+        return self.fits.isel(chosen)
 
     @cached_property
     def bias(self) -> Floats:
@@ -119,14 +119,14 @@ class Run:
             f"{self.units} northward) is subtracted from the points."
         )
 
-    def points(self, aircraft: str | int) -> tuple[Floats, Floats]:
+    def points(self, aircraft: str) -> tuple[Floats, Floats]:
         """Return the magnetic heading and the heading error (degrees) of the reports of a fit.
 
         The fitted bias b of the reference is subtracted as in the joint fit, so that the reports
         lie about the fitted curve: psi_err - (b_u cos psi - b_v sin psi) / V (docs/method.md).
         """
         abscissa = "heading" if self.fits.attrs.get("abscissa") == "true" else "magnetic_heading"
-        reports = drawn_columns(self.headings.isel(report=rows_of(self.headings, aircraft)))
+        reports = drawn_columns(aircraft_reports(self.headings, aircraft))
         heading = reports[abscissa].to_numpy().astype(float) % 360.0
         error = pooled(reports, members(reports, self.reference), "heading_error")
         if self.bias.any():
@@ -136,23 +136,6 @@ class Run:
             error = error - np.degrees(across / np.where(airspeed > 0, airspeed, np.nan))
         keep = used(reports) & np.isfinite(heading) & np.isfinite(error)
         return heading[keep], error[keep]
-
-
-def _place(ds: xr.Dataset, coordinate: str, name: str | int, what: str = "no such aircraft") -> int:
-    known = names_of(ds, coordinate)
-    if isinstance(name, int | np.integer):
-        return range(len(known))[int(name)]
-    if name not in known:
-        choice = f"Choose from {', '.join(known[:8])}{' ...' if len(known) > 8 else ''}"
-        raise InputError(what, field=coordinate, found=name, remedy=choice)
-    return known.index(name)
-
-
-def rows_of(headings: xr.Dataset, aircraft: str | int) -> slice:
-    """Return the slice of the reports of one aircraft."""
-    index = _place(headings, "aircraft", aircraft)
-    start, stop = row_bounds(headings["row_size"].to_numpy())
-    return slice(int(start[index]), int(stop[index]))
 
 
 def adds_error(fits: xr.Dataset) -> bool:
@@ -189,8 +172,7 @@ def curve_half_width(fits: xr.Dataset, heading: Floats) -> Floats:
 
 def status_words(code: SupportsInt) -> str:
     """Return the status of a fit in words."""
-    names = {value: name.replace("_", " ") for name, value in STATUS.items()}
-    return names.get(int(code), f"status {int(code)}")
+    return {value: name.replace("_", " ") for name, value in STATUS.items()}[int(code)]
 
 
 def fit_words(fit: xr.Dataset) -> str:
@@ -243,25 +225,17 @@ def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) ->
     independent units. Headings and corrected winds have the reports in the same order, in memory or
     lazy. NaN for aircraft that were not corrected.
     """
-    chosen = members(headings, reference)
-    names = [f"{of}{way}_wind" for of in ("", "reference_") for way in ("eastward", "northward")]
-    better_names = ["corrected_eastward_wind", "corrected_northward_wind", "correction_applied"]
-    parts = []
-    both = blocks(headings, [*names, "screening", "flight"]), blocks(corrected, better_names)
-    for block, better in zip(*both, strict=True):
-        u, v = (pooled(block, chosen, name) for name in names[2:])
+    number, names = headings.sizes["aircraft"], ["screening", "flight"]
+    sums = np.zeros((3, SUMS, number))
+    for part in parts_of(headings, {"": members(headings, reference)}, names, corrected):
         before, after = (
-            np.hypot(ds[east].to_numpy() - u, ds[north].to_numpy() - v) / KNOT
-            for ds, (east, north) in ((block, names[:2]), (better, better_names[:2]))
+            np.hypot(*(wind - part.model[""])) / KNOT for wind in (part.wind, part.corrected)
         )
         # Reports without a correction have equal disagreements and would reduce the gain.
-        keep = used(block) & is_corrected(better["correction_applied"].to_numpy())
-        keep &= np.isfinite(before) & np.isfinite(after)
-        row, flight = aircraft_of_report(block)[keep], block["flight"].to_numpy()[keep]
-        sizes = (before, after, before - after)
-        aircraft = block.sizes["aircraft"]
-        parts.append([cluster_sums(values[keep], row, flight, aircraft) for values in sizes])
-    sums = np.concatenate([np.array(part) for part in parts], axis=-1)  # (3, 6, aircraft)
+        keep = used(part.block) & is_corrected(part.applied) & np.isfinite(before + after)
+        cells = part.aircraft[keep], part.block["flight"].to_numpy()[keep], number
+        for part_sums, values in zip(sums, (before, after, before - after), strict=True):
+            part_sums += cluster_sums(values[keep], *cells)
     # A flight belongs to one aircraft, so clustered sums of the fleet are sums over aircraft.
     sums = np.concatenate([sums, sums.sum(axis=-1, keepdims=True)], axis=-1)
     (before, after, gain), (*_, error) = zip(*map(clustered_mean, sums), strict=True)
