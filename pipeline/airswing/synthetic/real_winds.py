@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import yaml
@@ -38,81 +38,66 @@ _TRIES = 60
 _Places = tuple[Array, Array, Array, Array]
 
 
-class _Message(NamedTuple):
-    """One wind component of one level and time."""
-
-    base: datetime
-    lead: int
-    level: int
-    component: int
-    values: NDArray[np.float32]
-
-
-def _messages(path: Path) -> tuple[list[_Message], LambertGrid | None]:
-    """Wind messages of a file on levels down to `_LOWEST` hPa, and their grid."""
-    import eccodes
-
-    found, grid = [], None
-    with path.open("rb") as source:
-        while (handle := eccodes.codes_grib_new_from_file(source)) is not None:
-
-            def key(name: str, handle: int = handle) -> Any:
-                return eccodes.codes_get(handle, name)
-
-            name, level = key("shortName"), int(key("level"))
-            if name in ("u", "v") and key("typeOfLevel") == "isobaricInhPa" and level >= _LOWEST:
-                grid = grid or LambertGrid(
-                    key("latitudeOfFirstGridPointInDegrees"),
-                    (key("longitudeOfFirstGridPointInDegrees") + 180.0) % 360.0 - 180.0,
-                    int(key("Nx")),
-                    int(key("Ny")),
-                    float(key("DxInMetres")),
-                    (key("LoVInDegrees") + 180.0) % 360.0 - 180.0,
-                    key("Latin1InDegrees"),
-                    float(key("radius")),
-                )
-                values = eccodes.codes_get_values(handle).astype(np.float32)
-                if key("bitmapPresent"):
-                    values[values == np.float32(key("missingValue"))] = np.nan
-                values = values.reshape(grid.rows, grid.columns)
-                stamp = f"{key('dataDate'):08d}{key('dataTime'):04d}"
-                base = datetime.strptime(stamp, "%Y%m%d%H%M")
-                lead = int(key("endStep"))
-                found.append(_Message(base, lead, level, "uv".index(name), values))
-            eccodes.codes_release(handle)
-    return found, grid
-
-
 def read_run(folder: Path) -> tuple[GriddedReference, GriddedReference, datetime]:
     """Run, its error at one time (analysis of the next cycle minus run), and its start.
 
     Components along the grid, NaN where missing.
     """
-    messages: list[_Message] = []
+    import eccodes
+
+    # by base time, lead (h), level (hPa) and component
+    fields: dict[tuple[datetime, int, int, int], NDArray[np.float32]] = {}
     grid = None
     for path in sorted(item for item in folder.iterdir() if item.is_file()):
-        found, here = _messages(path)
-        messages += found
-        grid = here or grid
-    bases = sorted({message.base for message in messages})
+        with path.open("rb") as source:
+            while (handle := eccodes.codes_grib_new_from_file(source)) is not None:
+
+                def key(name: str, handle: int = handle) -> Any:
+                    return eccodes.codes_get(handle, name)
+
+                name, level = key("shortName"), int(key("level"))
+                if (
+                    name in ("u", "v")
+                    and key("typeOfLevel") == "isobaricInhPa"
+                    and level >= _LOWEST
+                ):
+                    grid = grid or LambertGrid(
+                        key("latitudeOfFirstGridPointInDegrees"),
+                        (key("longitudeOfFirstGridPointInDegrees") + 180.0) % 360.0 - 180.0,
+                        int(key("Nx")),
+                        int(key("Ny")),
+                        float(key("DxInMetres")),
+                        (key("LoVInDegrees") + 180.0) % 360.0 - 180.0,
+                        key("Latin1InDegrees"),
+                        float(key("radius")),
+                    )
+                    values = eccodes.codes_get_values(handle).astype(np.float32)
+                    if key("bitmapPresent"):
+                        values[values == np.float32(key("missingValue"))] = np.nan
+                    stamp = f"{key('dataDate'):08d}{key('dataTime'):04d}"
+                    place = datetime.strptime(stamp, "%Y%m%d%H%M"), int(key("endStep")), level
+                    fields[*place, "uv".index(name)] = values.reshape(grid.rows, grid.columns)
+                eccodes.codes_release(handle)
+    bases = sorted({base for base, *_ in fields})
     if grid is None or len(bases) < 2:
         raise InputError("needs the winds of two cycles", file=str(folder))
-    start, later = bases[0], bases[1]
-    levels = sorted({message.level for message in messages}, reverse=True)
-    hours = sorted({message.lead for message in messages if message.base == start})
-    wind = np.full((len(hours), 2, len(levels), grid.rows, grid.columns), np.nan, np.float32)
-    analysis = np.full(wind.shape[1:], np.nan, np.float32)
-    for message in messages:
-        level = levels.index(message.level)
-        if message.base == start:
-            wind[hours.index(message.lead), message.component, level] = message.values
-        elif message.base == later and message.lead == 0:
-            analysis[message.component, level] = message.values
-    same = hours.index(round((later - start).total_seconds() / 3600.0))
-    error = np.stack([analysis - wind[same]] * 2)
+    start, later = bases[:2]
+    levels = sorted({level for *_, level, _ in fields}, reverse=True)
+    hours = sorted({lead for base, lead, *_ in fields if base == start})
+    missing = np.full((grid.rows, grid.columns), np.nan, np.float32)
+
+    def wind(base: datetime, lead: int) -> NDArray[np.float32]:
+        rows = [[fields.get((base, lead, p, c), missing) for p in levels] for c in (0, 1)]
+        return np.array(rows)
+
+    run = np.stack([wind(start, lead) for lead in hours])
+    error = wind(later, 0) - run[hours.index(round((later - start).total_seconds() / 3600.0))]
     axes = grid, np.array(levels, float)
-    run = GriddedReference("run", *axes, np.array(hours, float), wind)
-    return run, GriddedReference("error", *axes, np.array([-1e4, 1e4]), error), start
+    return (
+        GriddedReference("run", *axes, np.array(hours, float), run),
+        GriddedReference("error", *axes, np.array([-1e4, 1e4]), np.stack([error] * 2)),
+        start,
+    )
 
 
 def _filled(stored: GriddedReference) -> GriddedReference:
