@@ -52,7 +52,6 @@ def test_complex_packing_whose_groups_do_not_add_up(winds):
 
 
 GARBAGE = "garbage: section lengths do not add up"
-DAMAGED = "damaged: 2,147,484,368 values on a grid of 720 points"
 
 
 @pytest.mark.parametrize(
