@@ -107,16 +107,21 @@ def test_the_real_list_is_understood(real):
     assert sum("bias_DIR" in entry.reasons for entry in entries) == 5
 
 
+def exported(product, to, base=None, name="out", **options):
+    """Result of an export next to a product, based on a file or bytes, and the bytes written."""
+    path = product.parent / name
+    if isinstance(base, bytes):
+        (product.parent / "base").write_bytes(base)
+        base = product.parent / "base"
+    options["settings"] = Handover(base=base)
+    return airswing.export(product, to=to, path=path, **options), path.read_bytes()
+
+
 def test_a_turboprop_comes_off_the_real_list(real, tmp_path):
     fleet = {"566": (9.0, 0.5), "00000784": (9.0, 8.0), "506": (12.0, 0.0), "N921DL": (0.0, 0.0)}
-    done = airswing.export(
-        run(tmp_path, {**fleet, "FINE": (0.0, 0.0), "WILD": (15.0, 1.0)}),
-        to="reject_list",
-        path=tmp_path / "current_bad_aircraft",
-        settings=Handover(base=real(LIST)),
-    )
-    before = real(LIST).read_bytes().splitlines(keepends=True)
-    after = (tmp_path / "current_bad_aircraft").read_bytes().splitlines(keepends=True)
+    product = run(tmp_path, {**fleet, "FINE": (0.0, 0.0), "WILD": (15.0, 1.0)})
+    done, after = exported(product, "reject_list", real(LIST))
+    before, after = real(LIST).read_bytes().splitlines(), after.splitlines()
     assert after == [line for line in before if not line.startswith(b"00000566")]
     off = done["taken_off"][0]
     assert [one["aircraft"] for one in done["taken_off"]] == ["00000566"]
@@ -145,20 +150,15 @@ def test_other_lines_are_unchanged_and_blank_identifiers_are_filled(tmp_path):
         "N1        - X -\n",
         "00000754  - - R    1 --------  100 SAAB ( bias_RH )",
     ]
-    base = tmp_path / "list"
-    base.write_bytes((HEADER + "".join(rows)).encode())
     fleet = dict.fromkeys(("00000751", "752", "753", "755", "756"), (9.0, 0.0))
-    done = airswing.export(
-        run(tmp_path, fleet), to="reject_list", path=tmp_path / "out", settings=Handover(base=base)
-    )
-    after = (tmp_path / "out").read_bytes().decode().removeprefix(HEADER).splitlines(keepends=True)
+    base = (HEADER + "".join(rows)).encode()
+    done, after = exported(run(tmp_path, fleet), "reject_list", base)
+    after = after.decode().removeprefix(HEADER).splitlines(keepends=True)
     assert after[0] == "00000752  T - - 9999 --------" + rows[1][29:]
     assert after[1] == "00000753  - W -      --------\n"
     assert after[2:] == rows[3:]
-    assert {one["aircraft"]: one["still_rejected"] for one in done["taken_off"]} == {
-        "00000751": "",
-        "00000752": "T",
-    }
+    off = {one["aircraft"]: one["still_rejected"] for one in done["taken_off"]}
+    assert off == {"00000751": "", "00000752": "T"}
     why = {one["aircraft"]: one["why"] for one in done["stay"]}
     assert "gives no reason" in why["00000753"] and "another reason: std_T" in why["00000755"]
     assert why["00000756"] == "listed for another reason: bias_X"
@@ -184,15 +184,11 @@ def test_other_files_are_no_reject_list(tmp_path, text, what):
 def test_a_list_is_needed_and_nothing_is_written_over(tmp_path):
     product = run(tmp_path, {"A": (9.0, 0.0)})
     with pytest.raises(InputError, match="current list is needed"):
-        airswing.export(product, to="reject_list", path=tmp_path / "out")
-    (tmp_path / "there").write_text("mine")
-    base = tmp_path / "list"
-    base.write_text(HEADER + "A         - W -      MDC00001\n")
+        exported(product, "reject_list")
+    (tmp_path / "out").write_text("mine")
     with pytest.raises(InputError, match="already exists"):
-        airswing.export(
-            product, to="reject_list", path=tmp_path / "there", settings=Handover(base=base)
-        )
-    assert (tmp_path / "there").read_text() == "mine"
+        exported(product, "reject_list", f"{HEADER}A         - W -      MDC00001\n".encode())
+    assert (tmp_path / "out").read_text() == "mine"
 
 
 def read_wind_tables(text):
@@ -203,17 +199,14 @@ def read_wind_tables(text):
             section = line.split("SENSOR")[0].split()[-1]
         label = line[42:].strip()
         if section in ("UV", "SPD", "DIR") and label in ("TAMDARS", "AIREPS"):
-            values = [
-                float(row[6 * k : 6 * k + 6]) for row in rows[place : place + 4] for k in range(7)
-            ]
-            found[section, label] = values
+            wide = "".join(row[:42] for row in rows[place : place + 4])
+            found[section, label] = [float(wide[k : k + 6]) for k in range(0, 168, 6)]
     return found
 
 
 def test_error_table_holds_the_measured_errors(tmp_path, root):
-    product = run(tmp_path, {"A": (9.0, 0.0)})
-    done = airswing.export(product, to="obs_errors", path=tmp_path / "obserr.txt")
-    text = (tmp_path / "obserr.txt").read_text()
+    done, text = exported(run(tmp_path, {"A": (9.0, 0.0)}), "obs_errors")
+    text = text.decode()
     original = (root / "pipeline/airswing/handover/data/obserr.txt").read_text()
     tables, before = read_wind_tables(text), read_wind_tables(original)
     assert before["UV", "TAMDARS"][6] == 3.6 and before["UV", "TAMDARS"][23] == 2.3
@@ -227,34 +220,27 @@ def test_error_table_holds_the_measured_errors(tmp_path, root):
     assert angle[1000] == pytest.approx(np.degrees(np.arctan(0.1)), abs=0.005)
     for section in ("UV", "SPD", "DIR"):
         assert tables[section, "AIREPS"] == before[section, "AIREPS"]
-    changed = [
-        one != other for one, other in zip(text.splitlines(), original.splitlines(), strict=True)
-    ]
-    assert sum(changed) == 12  # four rows in three tables
+    lines = zip(text.splitlines(), original.splitlines(), strict=True)
+    assert sum(one != other for one, other in lines) == 12  # four rows in three tables
     assert done["types"] == ["TAMDARS"] and "6.5 m/s" in done["notes"][0]
 
 
 def test_other_files_are_no_error_table(tmp_path):
-    product = run(tmp_path, {"A": (9.0, 0.0)})
-    base = tmp_path / "base.txt"
-    base.write_text("no table\n")
     with pytest.raises(InputError, match="not a table of observation errors"):
-        airswing.export(product, to="obs_errors", path=tmp_path / "x", settings=Handover(base=base))
-    assert not (tmp_path / "x").exists()
+        exported(run(tmp_path, {"A": (9.0, 0.0)}), "obs_errors", b"no table\n")
+    assert not (tmp_path / "out").exists()
     with pytest.raises(InputError, match="no rows of UV AIREPS"):
         changed_table("1.0 \n", {"UV": {500: 1.0}}, ["AIREPS"])
 
 
 def write_fits(folder):
+    axes, curve = ("reference", "aircraft", "coefficient"), [0.5, 2.0, -1.25, 0.0, 0.0]
     fits = xr.Dataset(
         {
-            "deviation": (
-                ("reference", "aircraft", "coefficient"),
-                np.array([[[0.5, 2.0, -1.25, 0.0, 0.0], [np.nan] * 5]]),
-            ),
-            "airspeed_scale": (("reference", "aircraft"), [[0.01, np.nan]]),
-            "mean_horizontal_field": (("reference", "aircraft"), [[19000.0, np.nan]]),
-            "status": (("reference", "aircraft"), np.array([[0, 1]], dtype=np.int8)),
+            "deviation": (axes, [[curve, [np.nan] * 5]]),
+            "airspeed_scale": (axes[:2], [[0.01, np.nan]]),
+            "mean_horizontal_field": (axes[:2], [[19000.0, np.nan]]),
+            "status": (axes[:2], np.array([[0, 1]], dtype=np.int8)),
         },
         coords={"reference": ["ruc"], "aircraft": ["A1", "B2"], "coefficient": list("ABCDE")},
     )
@@ -326,19 +312,15 @@ KNOWN = np.array(
 BY_AIRCRAFT = {"N1": (np.nan, np.nan), "N2": (6.0, 1.3), "N3": (1.0, 0.0), "N9": (9.0, 9.0)}
 
 
-def write_known(folder, known=KNOWN):
+def errors_of(folder, ds, winds, known=KNOWN):
+    """Result of an export with known errors of the reports, and the error of every level."""
     phases = ("all", "cruise", "descent")
     write_errors(folder, BY_AIRCRAFT, known, np.array([1100e2, 700e2, 400e2, 200e2]), phases)
-
-
-def errors_of(folder, ds, **choices):
     write_product(ds, folder / "corrected.nc", title="test")
-    result = airswing.export(
-        folder / "corrected.nc", to="ob_ascii", path=folder / "f", overwrite=True, **choices
-    )
-    reports, _ = wrfda.read((folder / "f").read_text())
+    result, text = exported(folder / "corrected.nc", "ob_ascii", winds=winds)
     assert result["notes"][0].startswith(f"errors of the winds from {result['errors_from']}")
-    return [level["error"] for report in reports for level in report["levels"]]
+    reports, _ = wrfda.read(text.decode())
+    return result, [level["error"] for report in reports for level in report["levels"]]
 
 
 def test_the_table_is_the_one_obsproc_gave_its_reports():
@@ -357,62 +339,42 @@ def test_the_table_is_the_one_obsproc_gave_its_reports():
 LEGS = {
     "pressure": [109000.0, 70000.0, 39999.0, 19000.0, 90000.0, 39999.0],
     "phase": [PHASE[name] for name in ("cruise",) * 4 + ("descent", "ascent")],
-    "corrected_wind_standard_error": 0.4,
 }
-N2 = {"pressure": [50000.0, 90000.0], "corrected_wind_standard_error": [0.4, 0.2]}
+N2, LOW = {"pressure": [50000.0, 90000.0]}, {"pressure": 30000.0, "phase": PHASE["descent"]}
 
 
 @pytest.mark.parametrize(
-    ("sizes", "columns", "winds", "by_hand"),
+    ("sizes", "columns", "uncertain", "winds", "by_hand"),
     [
         # Corrections of equal uncertainty change nothing; an ascent has no row.
-        ({"N1": 6}, LEGS, "corrected", [1.5, 1.2, 0.95, 0.95, 1.0, 0.9]),
-        ({"N1": 6}, LEGS, "reported", [2.0, 1.6, 1.9, 1.9, 3.0, 1.8]),
+        ({"N1": 6}, LEGS, 0.4, "corrected", [1.5, 1.2, 0.95, 0.95, 1.0, 0.9]),
+        ({"N1": 6}, LEGS, 0.4, "reported", [2.0, 1.6, 1.9, 1.9, 3.0, 1.8]),
         # 1.2 m/s of the cell holds (0.2^2 + 1.0^2) / 4 = 0.26 of uncertain corrections.
-        (
-            {"N1": 1, "X": 1},
-            {"corrected_wind_standard_error": [0.2, 1.0]},
-            "corrected",
-            np.sqrt([1.44 - 0.26 + 0.02, 1.44 - 0.26 + 0.5]),
-        ),
+        ({"N1": 1, "X": 1}, {}, [0.2, 1.0], "corrected", np.sqrt([1.18 + 0.02, 1.18 + 0.5])),
         # N2 flew cells of 1.44 and 2.25 and has 1.69 itself, 0.155 less than these. Of its
         # corrections, half the squares are 0.08 and 0.02, on the mean 0.05.
-        ({"N2": 2}, N2, "corrected", np.sqrt([1.44 - 0.155 + 0.03, 2.25 - 0.155 - 0.03])),
-        ({"N2": 2}, N2, "reported", np.sqrt(np.array([2.56, 4.0]) + 36.0 - 3.28)),
+        ({"N2": 2}, N2, [0.4, 0.2], "corrected", np.sqrt([1.285 + 0.03, 2.095 - 0.03])),
+        ({"N2": 2}, N2, [0.4, 0.2], "reported", np.sqrt([2.56 + 36.0 - 3.28, 4.0 + 36.0 - 3.28])),
         # A variance clipped at zero counts; half of the base of 1.2 m/s is the least.
-        ({"N3": 2}, {"corrected_wind_standard_error": 0.4}, "corrected", [0.6, 0.6]),
-        ({"N1": 3}, {"corrected_wind_standard_error": [0, 0, 6]}, "corrected", [0.6, 0.6]),
+        ({"N3": 2}, {}, 0.4, "corrected", [0.6, 0.6]),
+        ({"N1": 3}, {}, [0, 0, 6], "corrected", [0.6, 0.6]),
         # No error is below 0.5 m/s.
-        (
-            {"N1": 3},
-            {
-                "corrected_wind_standard_error": [0, 0, 6],
-                "pressure": 30000.0,
-                "phase": PHASE["descent"],
-            },
-            "corrected",
-            [0.5, 0.5],
-        ),
+        ({"N1": 3}, LOW, [0, 0, 6], "corrected", [0.5, 0.5]),
         # A unit that corrects itself has the error of its cell.
-        ({"N1": 2}, {"corrected_wind_standard_error": [0.5, np.nan]}, "corrected", [1.2, 1.2]),
+        ({"N1": 2}, {}, [0.5, np.nan], "corrected", [1.2, 1.2]),
     ],
 )
-def test_errors_by_hand(tmp_path, sizes, columns, winds, by_hand):
-    write_known(tmp_path)
-    found = errors_of(tmp_path, corrected(sizes, **columns), winds=winds)
+def test_errors_by_hand(tmp_path, sizes, columns, uncertain, winds, by_hand):
+    ds = corrected(sizes, corrected_wind_standard_error=uncertain, **columns)
+    _, found = errors_of(tmp_path, ds, winds)
     assert found[: len(by_hand)] == pytest.approx(by_hand, abs=0.006)
 
 
 @pytest.mark.parametrize("winds", ["corrected", "reported"])
 def test_a_product_without_finite_errors_is_not_named_as_source(tmp_path, winds):
-    write_known(tmp_path, np.full_like(KNOWN, np.nan))
     ds = corrected({"N1": 2}, pressure=50000.0, corrected_wind_standard_error=0.0)
-    write_product(ds, tmp_path / "corrected.nc", title="test")
-    result = airswing.export(
-        tmp_path / "corrected.nc", to="ob_ascii", path=tmp_path / "f", winds=winds
-    )
+    result, found = errors_of(tmp_path, ds, winds, np.full_like(KNOWN, np.nan))
     assert result["errors_from"] == "WRFDA's table"
     assert "observation_errors.nc holds none for these" in result["notes"][0]
     assert ("uncertainty of each correction" in result["notes"][0]) == (winds == "corrected")
-    (first, *_), _ = wrfda.read((tmp_path / "f").read_text())
-    assert first["levels"][0]["error"] == pytest.approx(2.9)
+    assert found[0] == pytest.approx(2.9)
