@@ -24,6 +24,7 @@ from tests.compass.flown import Setting
 from tests.evaluation.archives import fleet, with_change
 
 ROOT = Path(__file__).resolve().parents[2]
+MADE = {"config_json": "{}", "source_uuids": []}
 
 
 @pytest.fixture(scope="module")
@@ -113,13 +114,12 @@ def test_monitoring_reads_the_products_and_reports_events_once(tmp_path, heading
     table = "aircraft,reference,heading_deg,table_correction_deg,standard_error_deg,sign\n"
     table += "".join(f"N001,ruc,{45 * k},12.5,0.2,subtract_error\n" for k in range(8))
     job = job_in(tmp_path / "out", monitoring={"tables_in_use": str(tmp_path / "board.csv")})
-    made = {"config_json": "{}", "source_uuids": []}
-    write_product(fits, job.output / "fits.nc", title="fits", **made)
+    write_product(fits, job.output / "fits.nc", title="fits", **MADE)
     for missing in ("board.csv", "headings.*: no such product"):
         with pytest.raises(InputError, match=missing):
             make_monitoring(job)
         (tmp_path / "board.csv").write_text(table)
-    write_product(headings, job.output / "headings/2008-07.nc", title="headings", **made)
+    write_product(headings, job.output / "headings/2008-07.nc", title="headings", **MADE)
     assert not (job.output / "events.json").exists()
     found = make_monitoring(job)
     assert found == read_events(job.output / "events.json")
@@ -131,14 +131,12 @@ def test_monitoring_reads_the_products_and_reports_events_once(tmp_path, heading
 def test_after_a_change_the_table_is_that_of_the_reports_since(tmp_path):
     change = np.zeros((6, 5))
     change[2, 0] = 3.0
-    headings = with_change(
-        3, Setting(aircraft=6, days=45, reports_a_flight=10), day=30, change=change
-    )
+    setting = Setting(aircraft=6, days=45, reports_a_flight=10)
+    headings = with_change(3, setting, day=30, change=change)
     mixed = add_tables(fit_deviation(headings), headings)
     job = job_in(tmp_path)
-    made = {"config_json": "{}", "source_uuids": []}
-    write_product(mixed, job.output / "fits.nc", title="fits", **made)
-    write_product(headings, job.output / "headings/2008-07.nc", title="headings", **made)
+    write_product(mixed, job.output / "fits.nc", title="fits", **MADE)
+    write_product(headings, job.output / "headings/2008-07.nc", title="headings", **MADE)
     found = make_monitoring(job)
     (event,) = found.new_events
     assert (event.kind, event.aircraft) == ("compass_changed", "N002")

@@ -32,10 +32,6 @@ def raw(text):
 def _report(lines):
     try:
         report = _header(lines.next())
-    except ReadError:
-        _skip(lines)
-        return None
-    try:
         report["levels"] = _measurements(lines)
     except ReadError:
         _skip(lines)
@@ -143,21 +139,14 @@ def _joined(levels):
 
 def _without_duplicates(reports, analysis):
     """Merge reports of one place and time; of one place keep the nearest to the analysis."""
-    groups = {}
+    groups = []
     for report in reports:
-        key = (report["id"], report["name"], report["platform"][3:6])
-        for group in groups.setdefault(key, []):
-            first = group["reports"][0]
-            if (
-                abs(first["lat"] - report["lat"]) < 1e-3
-                and abs(first["lon"] - report["lon"]) < 1e-3
-            ):
-                group["reports"].append(report)
-                break
-        else:
-            groups[key].append({"reports": [report]})
+        same = (group for group in groups if _of_one_place(group[0], report))
+        if (group := next(same, None)) is None:
+            groups.append(group := [])
+        group.append(report)
     found = []
-    for group in (one["reports"] for groups_of in groups.values() for one in groups_of):
+    for group in groups:
         merged = {}
         for report in group:
             first = merged.setdefault(report["time"], report)
@@ -165,6 +154,12 @@ def _without_duplicates(reports, analysis):
                 first["levels"] = _joined(first["levels"] + report["levels"])
         found.append(min(merged.values(), key=lambda one: abs(one["time"] - analysis)))
     return found
+
+
+def _of_one_place(one, other):
+    names = all(one[name] == other[name] for name in ("id", "name"))
+    near = all(abs(one[name] - other[name]) < 1e-3 for name in ("lat", "lon"))
+    return names and near and one["platform"][3:6] == other["platform"][3:6]
 
 
 def _judged(level):

@@ -81,22 +81,15 @@ def _platform(platform, name):
     return platform
 
 
+KINDS = {"METAR": 1.0, "SPECI": 2.0, "SHIP": 3.0, "SYNOP": 4.0, "TEMP": 5.0, "PILOT": 6.0}
+KINDS |= {"SATWNDS": 7.0, "SATWI": 7.0, "SAMS": 8.0, "PROFILER": 9.0, "ACARS": 7.0}
+
+
 def _plfo(platform):
+    """The last of the kinds whose word is in its column."""
     kind = 99.0
-    for word, first, number in (
-        ("METAR", 6, 1.0),
-        ("SPECI", 6, 2.0),
-        ("SHIP", 6, 3.0),
-        ("SYNOP", 6, 4.0),
-        ("TEMP", 6, 5.0),
-        ("PILOT", 6, 6.0),
-        ("SATWNDS", 0, 7.0),
-        ("SATWI", 6, 7.0),
-        ("SAMS", 0, 8.0),
-        ("PROFILER", 6, 9.0),
-        ("ACARS", 6, 7.0),
-    ):
-        if platform[first : first + len(word)] == word:
+    for word, number in KINDS.items():
+        if platform.startswith(word, 0 if word in ("SATWNDS", "SAMS") else 6):
             kind = number
     return kind
 
