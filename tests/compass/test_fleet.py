@@ -10,7 +10,7 @@ from airswing.compass.fleet.field import Blocks
 from airswing.compass.fleet.information import Reference
 from airswing.compass.fleet.solution import Equations, Iterated, Written, solve_fleet
 from airswing.physics.compass_deviation import deviation_basis
-from tests.compass.flown import Setting, fleet_deviations, fly
+from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
 AIRCRAFT = 7
 FREE = np.ones((AIRCRAFT, 6), dtype=bool)
@@ -31,22 +31,13 @@ def fleet_blocks(aircraft, days, seed, *, field=0.5, middle=-87.0, reach=(5.0, 3
         sums[0] = rng.uniform(3, 8, n)
         error = field * np.sin(0.4 * (east + north) + phase[:, segments - 40_000])
         sums[1:3] = error + rng.normal(0, 0.7, (2, n))
-        curve, speed = deviation_basis(heading), 150.0
-        sums[3:8], sums[8] = -speed * np.cos(heading) * curve, speed * np.sin(heading)
-        sums[9:14], sums[14] = speed * np.sin(heading) * curve, speed * np.cos(heading)
+        curve, air = deviation_basis(heading), 150.0 * np.stack([np.sin(heading), np.cos(heading)])
+        sums[3:8], sums[8] = -air[1] * curve, air[0]
+        sums[9:14], sums[14] = air[0] * curve, air[1]
         sums[1:] *= sums[0]
-        found.append(
-            Blocks(
-                sums.astype(np.float32),
-                8.0 * n,
-                8.0 * n,
-                42.5 + north,
-                (middle + east + 180.0) % 360.0 - 180.0,
-                np.log(rng.uniform(3e4, 9e4, n)),
-                segments.astype(np.int32),
-                (np.arange(n) // 2).astype(np.int32),
-            )
-        )
+        places = 42.5 + north, wrap(middle + east), np.log(rng.uniform(3e4, 9e4, n))
+        numbers = segments.astype(np.int32), (np.arange(n) // 2).astype(np.int32)
+        found.append(Blocks(sums.astype(np.float32), 8.0 * n, 8.0 * n, *places, *numbers))
     return found
 
 

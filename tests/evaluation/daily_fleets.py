@@ -17,6 +17,7 @@ from airswing.evaluation.monitoring.changes import (
     compass_watch,
     without_flight_bias,
 )
+from tests.compass.flown import curve
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def daily_sums(world, *, aircraft, days, seed, change=None):
     regional = _lasting(rng, w, (days, w.regions, 2)) * w.region_error
     lobes = rng.uniform(0, 360, (aircraft, days // 60 + 1))
     odd = w.wrong_curve * rng.normal(size=(aircraft, 6)) * np.repeat([1.0, 0.5, 0.25], 2)
-    curve = np.concatenate([rng.normal(0, 2, (aircraft, 3)), rng.normal(0, 0.5, (aircraft, 2))], 1)
+    fixed = np.concatenate([rng.normal(0, 2, (aircraft, 3)), rng.normal(0, 0.5, (aircraft, 2))], 1)
     change = np.broadcast_to(0.0 if change is None else change, (aircraft, days, 5))
     found = []
     for day in range(days):
@@ -89,22 +90,19 @@ def daily_sums(world, *, aircraft, days, seed, change=None):
         error = scale[..., np.newaxis] * w.flight_error * _tailed(rng, w, (*shape, 2))
         error = np.repeat(error, w.legs, axis=1).reshape(of.size, -1, 2)
         error += (season * (fleet[day] + regional[day, region[of]]))[:, np.newaxis]
-        error += (
-            scale[..., np.newaxis] * w.report_error / np.sqrt(count) * _tailed(rng, w, error.shape)
-        )
+        noise = w.report_error / np.sqrt(count)
+        error += scale[..., np.newaxis] * noise * _tailed(rng, w, error.shape)
         waves = [wave(k * magnetic) for k in (3, 4, 5) for wave in (np.sin, np.cos)]
         basis = np.stack(waves, axis=-1)
         off = np.einsum("nlk,nk->nl", basis, odd[of])
-        off += _curve(curve[of] + change[of, day], magnetic)
+        off += curve(fixed[of] + change[of, day], np.degrees(magnetic))
         speed = w.airspeed * np.ones(magnetic.size)
         cross, along = compass_design(magnetic.ravel(), heading.ravel(), speed)
         sine, cosine = np.sin(heading), np.cos(heading)
         y_cross = w.airspeed * np.radians(off) + error[..., 0] * cosine - error[..., 1] * sine
         y_along = error[..., 0] * sine + error[..., 1] * cosine
-        rows = np.stack([cross, along]).reshape(2, of.size, -1, cross.shape[1])
-        y = np.stack([y_cross, y_along])
-        flown = (2, of.size, w.flights, w.legs)
-        x, error = rows.reshape(*flown, -1), y.reshape(flown)
+        y, flown = np.stack([y_cross, y_along]), (2, of.size, w.flights, w.legs)
+        x, error = np.stack([cross, along]).reshape(*flown, -1), y.reshape(flown)
         normal = count * np.einsum("knfli,knflj->nfij", x, x, optimize=True)
         right = count * np.einsum("knfli,knfl->nfi", x, error, optimize=True)
         normal, right = (part.sum(1) for part in without_flight_bias(normal, right))
@@ -112,11 +110,6 @@ def daily_sums(world, *, aircraft, days, seed, change=None):
         total = np.full(of.size, float(w.reports))
         found.append((of, np.full(of.size, day), normal, right, total, logarithm))
     return tuple(np.concatenate(column) for column in zip(*found, strict=True))
-
-
-def _curve(coefficients, m):
-    a, b, c, d, e = np.moveaxis(coefficients, -1, 0)[..., np.newaxis]
-    return a + b * np.sin(m) + c * np.cos(m) + d * np.sin(2 * m) + e * np.cos(2 * m)
 
 
 def _lasting(rng, world, shape):
@@ -127,7 +120,6 @@ def _lasting(rng, world, shape):
 
 def _tailed(rng, world, shape):
     """Of unit variance."""
-    if not world.tails:
-        return rng.normal(size=shape)
-    n = world.tails
-    return rng.standard_t(n, size=shape) * np.sqrt((n - 2) / n)
+    if n := world.tails:
+        return rng.standard_t(n, size=shape) * np.sqrt((n - 2) / n)
+    return rng.normal(size=shape)
