@@ -108,8 +108,7 @@ def measured(config):
 
     from airswing import workflow
     from airswing.config_file import load_config
-    from airswing.workflow.job import resources
-    from airswing.workflow.progress import Progress
+    from airswing.workflow.job import Progress, resources
 
     class Watched(Progress):
         @contextlib.contextmanager

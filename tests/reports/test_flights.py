@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from airswing.flags import PHASE
-from airswing.reports.flights import derive_flight, derive_phase
-from airswing.reports.resolution import (
+from airswing.reports.flights import (
     DIRECTION_STEPS,
     POSITION_STEPS,
     SPEED_STEPS,
     TIME_STEPS,
+    derive_flight,
+    derive_phase,
     lattice_step,
     resolutions,
 )

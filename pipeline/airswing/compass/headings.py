@@ -37,7 +37,7 @@ from airswing.physics.geomagnetism import geomagnetic_field
 from airswing.physics.track import ACCELERATION_DENSITY, ground_track
 from airswing.physics.turns import near_turns
 from airswing.products.ragged import aircraft_of_report
-from airswing.reports.resolution import DIRECTION_STEPS, SPEED_STEPS, lattice_step
+from airswing.reports.flights import DIRECTION_STEPS, SPEED_STEPS, lattice_step
 from airswing.vocabulary import VARIABLES, describe
 
 Array = NDArray[np.float64]

@@ -28,8 +28,13 @@ from airswing.flags import PHASE, PLATFORM
 from airswing.physics.triangle import direction_in_degrees, wrap_degrees
 from airswing.reports.audit import Audit
 from airswing.reports.columns import EARLIEST, Floats, Index, Integers, Mask, seconds_since_1970
-from airswing.reports.flights import Columns, derive_flight, derive_phase, step_distance
-from airswing.reports.resolution import resolutions
+from airswing.reports.flights import (
+    Columns,
+    derive_flight,
+    derive_phase,
+    resolutions,
+    step_distance,
+)
 from airswing.units import METRES_PER_DEGREE
 from airswing.vocabulary import describe
 
