@@ -334,7 +334,8 @@ class Config(_Section):
                 raise ValueError(f"pool.{name}: a pool needs at least two references")
             if len(set(members)) < len(members):
                 raise ValueError(f"pool.{name}: a reference is named twice")
-            barred = [member for member in members if self._never_pooled(member)]
+            never = {name.lower() for name in self.never_pool}
+            barred = [member for member in members if member.lower() in never]
             if barred:
                 raise ValueError(
                     f"pool.{name}: {barred[0]!r} is in never_pool and may be compared, not pooled"
@@ -355,9 +356,6 @@ class Config(_Section):
         return "\n".join(["Config:", *lines])
 
     __str__ = __repr__
-
-    def _never_pooled(self, member: str) -> bool:
-        return member.lower() in {name.lower() for name in self.never_pool}
 
     def pools(self) -> dict[str, list[str]]:
         """Every single reference and every pool, with its members."""

@@ -134,7 +134,12 @@ class ReportArchive:
         )
         self.files: dict[str, dict[str, Any]] = dict(records)  # also for the next run
         if (test := job.config.field_test) is not None:
-            self._require_aircraft([*test.corrected, *test.controls])
+            # an unknown aircraft is refused before model files are read
+            tails = {tail for found in self.files.values() for tail in found["tails"]}
+            chosen = [*test.corrected, *test.controls]
+            # aircraft that share an identifier are numbered later: N401-1, N401-2
+            tails |= {name for name in chosen if re.sub(r"-\d+$", "", name) in tails}
+            require_aircraft(np.array(sorted(tails)), chosen, "field_test")
         write_json(job.notes / "reports.json", {"key": key, "files": self.files})
         rows = [(name, *row) for name, record in self.files.items() for row in record["days"]]
         self.days = pd.DataFrame(rows, columns=["file", "day", "count", "mark"])
@@ -144,13 +149,6 @@ class ReportArchive:
         options: Any = {"format": self._asked.format, "columns": self._asked.mapping}
         self._frames[name], audit = read_file(name, **options)
         return audit
-
-    def _require_aircraft(self, chosen: list[str]) -> None:
-        """Refuse an unknown aircraft of the field test before model files are read."""
-        tails = {tail for record in self.files.values() for tail in record["tails"]}
-        # Aircraft that share an identifier are numbered later: N401-1, N401-2.
-        numbered = {name for name in chosen if re.sub(r"-\d+$", "", name) in tails}
-        require_aircraft(np.array(sorted(tails | numbered)), chosen, "field_test")
 
     def _frame(self, name: str) -> pd.DataFrame:
         if name not in self._frames:

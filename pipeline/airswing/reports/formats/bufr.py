@@ -19,7 +19,7 @@ from airswing.errors import InputError
 from airswing.flags import ICING, PHASE, PLATFORM, ROLL
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.reports.audit import Audit
-from airswing.reports.columns import LARGEST_ROLL, Mapped, numbers
+from airswing.reports.columns import LARGEST_ROLL, Mapped
 from airswing.reports.formats import ReportFormat, content_of, is_text
 
 _TIME = ("year", "month", "day", "hour", "minute", "second")
@@ -197,13 +197,11 @@ def _levels(subset: Iterable[tuple[str, Value]]) -> list[Record]:
 
 
 def _raw(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
-    column = {
-        name: pd.Series(numbers(table[name]), table.index) for name in KEYS if name not in _TAILS
-    }
+    column = table.drop(columns=[*_TAILS]).apply(pd.to_numeric, errors="coerce").astype(float)
     for name in (*_PHASES, "aircraftRollAngleQuality", *_ICINGS):
         counts = column[name].value_counts(dropna=False)
         audit.codes(name, {"missing" if c != c else f"{c:g}": int(n) for c, n in counts.items()})
-    parts = pd.DataFrame({name: column[name] for name in _TIME}).fillna({"second": 0.0})
+    parts = column[[*_TIME]].fillna({"second": 0.0})
     text = table[list(_TAILS)].astype("string").apply(lambda one: one.str.strip()).replace("", None)
     unsteady = pd.Series(False, table.index)
     phase = pd.Series(np.nan, table.index)
@@ -226,7 +224,7 @@ def _raw(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
             "tail": text.bfill(axis=1).iloc[:, 0].fillna(""),
             "time": pd.to_datetime(parts, errors="coerce").astype("datetime64[ns]"),
             "time_blank": parts.isna().any(axis=1),
-            "pressure_altitude": pd.DataFrame(column)[list(_ALTITUDES)].bfill(axis=1).iloc[:, 0],
+            "pressure_altitude": column[[*_ALTITUDES]].bfill(axis=1).iloc[:, 0],
             **{ours: column[name] for name, ours in _NUMBERS.items()},
             "phase": phase.fillna(PHASE["unknown"]).astype(np.int8),
             "roll_flag": roll.astype(np.int8),
@@ -236,8 +234,11 @@ def _raw(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     )
 
 
-def _recognises(start: bytes) -> bool:
-    return b"BUFR" in start[:4096] and not is_text(start)
-
-
-FORMATS = (ReportFormat("bufr", _recognises, _read_bufr, title="BUFR"),)
+FORMATS = (
+    ReportFormat(
+        "bufr",
+        lambda start: b"BUFR" in start[:4096] and not is_text(start),
+        _read_bufr,
+        title="BUFR",
+    ),
+)
