@@ -54,15 +54,9 @@ def place(**given):
     } | given
 
 
-def slice_entry(variable, values, share, q_value):
-    """Return one slice of the gap."""
-    return {
-        "variable": variable,
-        "component": "both",
-        "values": values,
-        "share_of_gap": share,
-        "q_value": q_value,
-    }
+def share(of_gap, q_value):
+    """Return numbers of one slice of the gap."""
+    return {"component": "both", "share_of_gap": of_gap, "q_value": q_value}
 
 
 def content(*effects, **changes):
@@ -81,8 +75,8 @@ def content(*effects, **changes):
     row = {"scope": "aircraft", "known": True, "posterior": none}
     return {
         "gap": {"mean_vector_disagreement_kt": 8.31, "noise_floor_kt": 6.2, "significance": 1e-9},
-        "where": [slice_entry("aircraft", ["N401", "N402"], 0.71, 2e-4)],
-        "slices": [slice_entry("level", ["above 400 hPa"], 0.03, 0.3)],
+        "where": [{"variable": "aircraft", "values": ["N401", "N402"]} | share(0.71, 2e-4)],
+        "slices": [{"variable": "level", "values": ["above 400 hPa"]} | share(0.03, 0.3)],
         "effects": list(effects),
         "unknown": {"present": bool(places), "where": places},
         "closure": closure | changes.pop("closure", {}),

@@ -227,56 +227,52 @@ def ranking_section(
         "Expected reduction of the disagreement from correcting each aircraft, from its fit, "
         f"with 95 % intervals (n = {plural(len(shown), 'aircraft')}{others})."
     )
-    parts, lines = [show("ranking", figure)], []
-    for key, (_, words) in _HELD_OUT.items():
-        part = (virtual or {}).get(key) or {}
-        if None in (part.get("realised_gain_kt"), part.get("predicted_gain_kt")):
-            continue
-        each, outside = part["by_aircraft"], ""
-        low, high = np.array(part["predicted_gain_ci_kt"], float)
-        if part["realised_gain_kt"] < low or part["realised_gain_kt"] > high:
-            outside = ". The realised reduction is outside the interval of the prediction"
-            if apart := [one["aircraft"] for one in each if one["agree"] is False]:
-                whom = html.joined(apart, most=8)
-                outside += f"; the two differ by more than their errors for {whom}"
-        realised, predicted = (
-            _change(part, f"{kind}_gain", units) for kind in ("realised", "predicted")
-        )
-        lines.append(
-            f"{words.format_map(part)}, {plural(part['reports'], 'report')} of "
-            f"{plural(len(each), 'aircraft')}: realised reduction {realised}, predicted "
-            f"{predicted}{outside}."
-        )
-    if virtual and lines:
-        inner = show("virtual_field_test", _prediction_figure(virtual, units))
-        parts.append(html.listing(lines))
-        parts.append(html.folded("Predicted and realised reduction of each aircraft", inner))
-    return html.Section("ranking", title, lead, parts)
-
-
-def _prediction_figure(virtual: Content, units: Units) -> Figure:
+    parts, lines, points = [show("ranking", figure)], [], 0
     figure, panels = html.panels(3.8, 1, 2)
-    total, kinds = 0, ("predicted", "realised")
-    for axes, (key, (title, _)) in zip(panels, _HELD_OUT.items(), strict=True):
-        axes.set_title(title)
-        rows = (virtual.get(key) or {}).get("by_aircraft") or []
+    kinds = ("predicted", "realised")
+    for axes, (key, (panel, words)) in zip(panels, _HELD_OUT.items(), strict=True):
+        axes.set_title(panel)
+        part = (virtual or {}).get(key) or {}
+        rows = part.get("by_aircraft") or []
         if not rows:
             html.blank(axes, "Too few reports.")
             continue
-        total += len(rows)
+        points += len(rows)
+        apart = [one["agree"] is False for one in rows]
         (x, x_ends), (y, y_ends) = (_speeds(rows, f"{kind}_gain", units) for kind in kinds)
         axes.hlines(y, *x_ends, color=FAINT, linewidth=1.4)
         axes.vlines(x, *y_ends, color=FAINT, linewidth=1.4)
-        colours = [VERMILION if row["agree"] is False else BLUE for row in rows]
+        colours = np.where(apart, VERMILION, BLUE)
         axes.scatter(x, y, s=30 if len(rows) < 200 else 9, c=colours, zorder=2)
         for row, *point in zip(rows, x, y, strict=True) if len(rows) <= 12 else ():
             html.annotate(axes, row["aircraft"], point, (5, -9), fontsize=8, color=SOFT)
-        labels = (f"{kind} reduction ({units})" for kind in kinds)
-        _equal_axes(axes, np.array([*x, *y, 0.0]), *labels)
-    return figure.say(
-        "Reduction predicted and realised on reports not used in the fit, with 95 % intervals. "
-        f"Orange: different by more than their interval (n = {plural(total, 'point')})."
-    )
+        _equal_axes(
+            axes, np.array([*x, *y, 0.0]), *(f"{kind} reduction ({units})" for kind in kinds)
+        )
+        (low, high), outside = np.array(part["predicted_gain_ci_kt"], float), ""
+        if part["realised_gain_kt"] < low or part["realised_gain_kt"] > high:
+            outside = ". The realised reduction is outside the interval of the prediction"
+            if any(apart):
+                whom = [
+                    row["aircraft"] for row, differs in zip(rows, apart, strict=True) if differs
+                ]
+                outside += "; the two differ by more than their errors for "
+                outside += html.joined(whom, most=8)
+        predicted, realised = (_change(part, f"{kind}_gain", units) for kind in kinds)
+        lines.append(
+            f"{words.format_map(part)}, {plural(part['reports'], 'report')} of "
+            f"{plural(len(rows), 'aircraft')}: realised reduction {realised}, predicted "
+            f"{predicted}{outside}."
+        )
+    if lines:
+        figure.say(
+            "Reduction predicted and realised on reports not used in the fit, with 95 % intervals. "
+            f"Orange: different by more than their interval (n = {plural(points, 'point')})."
+        )
+        inner = show("virtual_field_test", figure)
+        parts.append(html.listing(lines))
+        parts.append(html.folded("Predicted and realised reduction of each aircraft", inner))
+    return html.Section("ranking", title, lead, parts)
 
 
 def _pair_name(pair: Content) -> str:

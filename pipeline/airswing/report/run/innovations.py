@@ -31,7 +31,6 @@ _CELLS = ("aircraft", "flight_phase", "layer")
 _MOST_SERIES, _MOST_AIRCRAFT = 7, 20
 # Reports that a sounding needs at least.
 _SOUNDING_REPORTS = 4
-_NONE = "No report with a phase, a layer and a reference wind"
 
 
 def _unit(quantity: str, units: Units) -> tuple[str, float]:
@@ -52,8 +51,6 @@ def _cells_by(statistics: xr.Dataset, by: str) -> xr.Dataset:
 def _innovation_figure(statistics: xr.Dataset, units: Units) -> Figure:
     aircraft, *others = (_cells_by(statistics, by) for by in _CELLS)
     reports = aircraft["innovation_speed_count"].isel(state=0).to_numpy()
-    if not reports.sum():
-        return html.empty_figure(_NONE)
     order = np.argsort(-reports, kind="stable")[:_MOST_AIRCRAFT]
     cells = [aircraft.isel(row=order), *others]
     rows = [name for part in cells for name in names_of(part, "row")]
@@ -83,8 +80,6 @@ def _innovation_figure(statistics: xr.Dataset, units: Units) -> Figure:
 def _innovation_histogram_figure(statistics: xr.Dataset, units: Units) -> Figure:
     counts, reference = statistics["innovation_histogram"], statistics["reference"].item()
     number = int(counts.sel(state="reported").sum())
-    if not number:
-        return html.empty_figure(_NONE)
     lower = statistics["eastward_class"].to_numpy().astype(float)
     ends = per_m_s(units) * np.array([lower[0], 2 * lower[-1] - lower[-2]])
     figure, panels = html.panels(4.6, 1, 2, sharex=True, sharey=True)
@@ -110,8 +105,6 @@ def _innovation_series_figure(statistics: xr.Dataset, names: Sequence[str], unit
     chosen, reference = statistics.sel(aircraft=list(names)), statistics["reference"].item()
     day = days_since_1970(statistics["day"].to_numpy())
     number = int(chosen["daily_innovation_count"].sel(state="reported").sum())
-    if not number:
-        return html.empty_figure(_NONE)
     figure, grid = html.panels(4.6, 2, 2, sharex=True, sharey="row")
     for panels, quantity in zip(grid, ("speed", "direction"), strict=True):
         unit, factor = _unit(quantity, units)
@@ -152,9 +145,18 @@ def _innovation_table(statistics: xr.Dataset, by: str, units: Units) -> Markup:
 
 
 def _sounding_figure(run: Run, headings: xr.Dataset, corrected: xr.Dataset) -> Figure:
-    picked, name = _sounding_reports(headings, corrected, run.order)
+    phase, wind = headings["phase"].to_numpy(), corrected["corrected_eastward_wind"].to_numpy()
+    usable = np.isin(phase, [PHASE["ascent"], PHASE["descent"]]) & np.isfinite(wind)
+    columns = {"row": aircraft_of_report(headings), "flight": headings["flight"].to_numpy()}
+    flown = pd.DataFrame(columns | {"phase": phase})[usable]
+    sizes = flown.groupby(list(flown)).size()
+    sizes, known = sizes[sizes >= _SOUNDING_REPORTS], names_of(headings)
+    name = next((name for name in run.order if known.index(name) in sizes.index), "")
     if not name:
         return html.empty_figure("No ascent or descent has enough reports for a sounding")
+    row = known.index(name)
+    longest = flown.eq([row, *sizes[row].idxmax()]).all(axis=1)
+    picked = flown.index[longest].to_numpy()
     reference, units = run.reference, run.units
     ways, factor = ("eastward", "northward"), per_m_s(units)
     names = [f"{of}{way}_wind" for of in ("", "reference_") for way in ways]
@@ -192,25 +194,6 @@ def _sounding_figure(run: Run, headings: xr.Dataset, corrected: xr.Dataset) -> F
     )
 
 
-def _sounding_reports(
-    headings: xr.Dataset, corrected: xr.Dataset, aircraft: Sequence[str]
-) -> tuple[NDArray[np.int64], str]:
-    """Return the places of the reports of an ascent or descent, and the aircraft; or none."""
-    phase, wind = headings["phase"].to_numpy(), corrected["corrected_eastward_wind"].to_numpy()
-    usable = np.isin(phase, [PHASE["ascent"], PHASE["descent"]]) & np.isfinite(wind)
-    rows = {"row": aircraft_of_report(headings), "flight": headings["flight"].to_numpy()}
-    rows["phase"] = phase
-    flown = pd.DataFrame({name: values[usable] for name, values in rows.items()})
-    known, names = flown.groupby(list(rows)).size(), names_of(headings)
-    known = known[known >= _SOUNDING_REPORTS]
-    for row in map(names.index, aircraft):
-        if row in known.index:
-            best = pd.Series(known.xs(row)).idxmax()
-            chosen = flown.eq([row, *np.array(best)]).all(axis=1)
-            return np.flatnonzero(usable)[chosen], names[row]
-    return np.zeros(0, np.int64), ""
-
-
 def innovations_section(
     statistics: xr.Dataset | None,
     run: Run,
@@ -220,7 +203,9 @@ def innovations_section(
 ) -> html.Section:
     """Return the section on the innovations, and a sounding where winds were corrected."""
     parts, lead, units = [], "", show.units
-    if statistics is not None:
+    if statistics is not None and not statistics["innovation_speed_count"].any():
+        lead = "No report has a phase, a layer and a reference wind."
+    elif statistics is not None:
         known = names_of(statistics, "reference")
         chosen = run.reference if run.reference in known else known[0]
         statistics = statistics.sel(reference=chosen)
