@@ -33,5 +33,4 @@ def __getattr__(name: str) -> object:
     """Import a figure or page function when it is first used."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found: object = getattr(import_module(f"airswing.report.{_MODULES[name]}"), name)
-    return found
+    return getattr(import_module(f"airswing.report.{_MODULES[name]}"), name)

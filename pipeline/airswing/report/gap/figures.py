@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -253,10 +254,8 @@ def _edges(centres: Floats) -> Floats:
 def _aircraft_figure(maps: xr.Dataset, gap: Entry, name: str) -> Figure:
     tails, dim = names_of(maps), "octant" if name == "heading_map" else "week"
     shown, centres = _cells(maps, name, "aircraft", dim), maps[dim].to_numpy().astype(float)
-    limit, affected = (
-        _even_limit(shown),
-        {one for effect in gap["effects"] for one in effect["tails"]},
-    )
+    limit = _even_limit(shown)
+    affected = {one for effect in gap["effects"] for one in effect["tails"]}
     figure, axes = html.panels(1.25 + max(0.19 * len(tails), 1.4))
     look = Look(cmap=html.DIVERGING, vmin=-limit, vmax=limit)
     x = centres if dim == "octant" else np.arange(centres.size, dtype=float)
@@ -280,7 +279,7 @@ def _aircraft_figure(maps: xr.Dataset, gap: Entry, name: str) -> Figure:
     if len(tails) <= 60:
         error = _cells(maps, f"{name}_standard_error", "aircraft", dim)
         strong = np.where(np.abs(shown) > 2 * error, shown, np.nan)
-        html.cell_texts(axes, strong, partial(_signed, digits=1), 0.62 * limit, x)
+        html.cell_texts(axes, strong, "{:+z.1f}".format, 0.62 * limit, x)
     axes.set(xticks=range(0, 361, 45), xlabel="indicated magnetic heading (degree)")
     first = min(float(_edges(x)[0]), 0.0)
     axes.set_xlim(first, 360.0 + first)
@@ -291,25 +290,18 @@ def _aircraft_figure(maps: xr.Dataset, gap: Entry, name: str) -> Figure:
     )
 
 
-def _signed(value: float, *, digits: int) -> str:
-    return f"{round(value, digits) + 0.0:+.{digits}f}"
-
-
 def _phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
-    level = np.asarray(maps["level"].to_numpy(), float)
-    # Layer boundaries from their middles: the first layer begins at zero pressure.
-    bounds = [0.0]
-    for middle in level:
+    level, bounds = maps["level"].to_numpy(), [0.0]
+    for middle in level:  # the first layer begins at zero pressure
         bounds.append(2.0 * float(middle) - bounds[-1])
     names = [
         f"{top:.0f}-{bottom:.0f}" if top else f"above {bottom:.0f}"
         for top, bottom in pairwise(bounds)
     ]
-    upwards = np.argsort(-level)
     ways = {"along": "along the heading", "cross": "across the heading"}
     both = np.array([_cells(maps, f"level_map_{way}", "level", "phase") for way in ways])
     filled = np.flatnonzero(np.isfinite(both[1]).any(axis=0))
-    both = html.per_m_s(units) * both[:, upwards][..., filled]
+    both = html.per_m_s(units) * both[:, ::-1, filled]
     limit = _even_limit(both, least=0.2)
     figure, panels = html.panels(1.4 + 0.36 * level.size, 1, 2, sharey=True)
     look = Look(cmap=html.DIVERGING, vmin=-limit, vmax=limit, origin="lower", aspect="auto")
@@ -318,9 +310,9 @@ def _phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
         drawn = axes.imshow(value, **look)
         axes.set_title(title)
         axes.set_xticks(range(filled.size), phases)
-        axes.set_yticks(range(level.size), [names[one] for one in upwards])
+        axes.set_yticks(range(level.size), names[::-1])
         axes.grid(visible=False)
-        html.cell_texts(axes, value, partial(_signed, digits=2), 0.62 * limit)
+        html.cell_texts(axes, value, "{:+z.2f}".format, 0.62 * limit)
     panels[0].set_ylabel("layer (hPa)")
     figure.colorbar(drawn, ax=list(panels), label=f"mean residual ({units})", pad=0.01)
     return figure.say(
@@ -356,25 +348,24 @@ def _gap_map_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
 
 
 def _evidence_figure(gap: Entry) -> Figure:
-    best: dict[str, float] = {}
-    for row in gap.get("evidence") or ():
-        log_factor = number(row.get("tempered_nats"))
-        if row.get("known") and np.isfinite(log_factor):
-            best[row["name"]] = max(log_factor, best.get(row["name"], -np.inf))
-    best = dict(sorted(best.items(), key=lambda item: -item[1])[:20])
-    if not best:
+    rows = pd.DataFrame(gap.get("evidence") or (), columns=["known", "name", "tempered_nats"])
+    best = rows[rows["known"].astype(bool)].groupby("name", sort=False)["tempered_nats"].max()
+    best = best.dropna().sort_values(ascending=False, kind="stable")[:20]
+    if best.empty:
         return html.empty_figure("No effect of the catalogue could be tested")
     chosen = {effect["name"] for effect in gap["effects"]}
     ambiguous = {name for effect in gap["effects"] for name in effect["ambiguous_with"]}
     figure, axes = html.panels(1.0 + 0.27 * len(best))
-    colours = [BLUE if name in chosen else SKY if name in ambiguous else FAINT for name in best]
-    positive = np.clip(list(best.values()), 0.0, None)
+    colours = [
+        BLUE if name in chosen else SKY if name in ambiguous else FAINT for name in best.index
+    ]
+    positive, names = best.clip(lower=0.0), [plain_name(name) for name in best.index]
     label = "log Bayes factor against no effect (linear to 10, then logarithmic)"
-    names, texts = map(plain_name, best), [f"{round(value):,}" for value in best.values()]
-    html.bars(axes, list(names), positive, texts, label, color=colours, height=0.72)
+    texts = [f"{round(value):,}" for value in best]
+    html.bars(axes, names, positive, texts, label, color=colours, height=0.72)
     axes.set_xscale("symlog", linthresh=10.0)
     axes.xaxis.set_major_formatter(LogFormatter(linthresh=10.0))
-    axes.set_xlim(0, max(float(positive.max(initial=10.0)) * 2.5, 20.0))
+    axes.set_xlim(0, max(float(positive.max()) * 2.5, 25.0))
     return figure.say(
         f"Log Bayes factor of each catalogue effect ({_reports(gap)}). Dark blue: found; light "
         "blue: ambiguous with one found; grey: neither. Effects with similar columns share "

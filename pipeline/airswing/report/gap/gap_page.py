@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields
 from functools import partial, wraps
 from pathlib import Path
 from typing import ParamSpec
@@ -110,18 +109,19 @@ def write_gap_page(
 
 def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     effects, places, fleet = gap["effects"], gap["unknown"]["where"], words.fleet_of(gap)
-    rivals = (joined([plain_name(name) for name in one["ambiguous_with"]]) for one in effects)
-    shares = (100 * number(one.get("share_of_gap")) for one in effects)
-    columns = {
-        "effect": [plain_name(one["name"]) for one in effects],
-        "aircraft": [words.who_text(one, fleet) for one in effects],
-        "parameters": [words.parameters_text(one, units=units) or "-" for one in effects],
-        "period": [words.period_text(one) or "always" for one in effects],
-        "proba\u00adbility": [f"{number(one['probability']):.2f}" for one in effects],
-        "closes": [closure_text(one.get("closure"), units=units) for one in effects],
-        "share of the gap": [f"{share:.0f} %" for share in shares],
-        "ambiguous with": [text or "-" for text in rivals],
-    }
+    rows = [
+        {
+            "effect": plain_name(one["name"]),
+            "aircraft": words.who_text(one, fleet),
+            "parameters": words.parameters_text(one, units=units) or "-",
+            "period": words.period_text(one) or "always",
+            "proba\u00adbility": f"{number(one['probability']):.2f}",
+            "closes": closure_text(one.get("closure"), units=units),
+            "share of the gap": f"{100 * number(one.get('share_of_gap')):.0f} %",
+            "ambiguous with": joined([plain_name(name) for name in one["ambiguous_with"]]) or "-",
+        }
+        for one in effects
+    ]
     caption = (
         f"Effects found (n = {len(effects)}), the largest share of the gap first. Parameters "
         "with 95 % intervals (±), or the range over aircraft."
@@ -130,7 +130,7 @@ def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     none = "No effect of the catalogue is needed to explain these reports."
     parts = [
         words.start_words(gap.get("known"), gap.get("simulation"), units).strip(),
-        html.table(columns, words=["period"], long=long, caption=caption),
+        html.table(rows, words=["period"], long=long, caption=caption),
         "" if effects or places else none,
         *drawn("compass_effects"),
     ]
@@ -245,18 +245,20 @@ def _statistics_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section
     tested = gap.get("assumptions") or ()
     held = [bool(one["ok"]) for one in tested]
     lead = f"{sum(held)} of {len(held)} tested assumptions hold." if held else ""
-    columns = {
-        "assumption": [one["assumption"] for one in tested],
-        "test": [one["check"] for one in tested],
-        "result": [one["result"] for one in tested],
-        "holds": ["yes" if ok else "no" for ok in held],
-    }
+    titles, answers = (
+        {"assumption": "assumption", "check": "test", "result": "result"},
+        ("no", "yes"),
+    )
+    checked = [
+        {title: one[name] for name, title in titles.items()} | {"holds": answers[one["ok"]]}
+        for one in tested
+    ]
     caption = (
         "Assumptions with their tests on these reports. One that does not hold (grey italics) "
         "makes intervals less certain; the effects stated rest on held-out flights."
     )
     long, doubt = ("assumption", "test", "result"), [not ok for ok in held]
-    assumptions = html.table(columns, long=long, caption=caption, doubt=doubt)
+    assumptions = html.table(checked, long=long, caption=caption, doubt=doubt)
     rows, placebo, factor = [], "", html.per_m_s(units)
     if pair := gap.get("calibration"):
         crps = number_text(pair["after"].get("crps_expected_m_s"), factor=factor)
@@ -308,25 +310,21 @@ class ShownDiagnosis(Diagnosis):
     def _repr_html_(self) -> str:
         gap = words.content_of(self.report)
         found = [*gap["effects"], *gap["unknown"]["where"]]
-        columns = {
-            "effect": [
-                plain_name(one["name"])
-                if "name" in one
-                else f"unexplained, by {' and '.join(one['variables']).replace('_', ' ')}"
-                for one in found
-            ],
-            "aircraft": [words.who_text(one, words.fleet_of(gap)) for one in found],
-            "probability": [one["probability"] for one in found],
-            "closes": [closure_text(one.get("closure")) for one in found],
-        }
-        return str(html.paragraph(words.headline(gap)) + html.table(columns))
+        rows = []
+        for one in found:
+            name = plain_name(
+                one.get("name") or f"unexplained, by {' and '.join(one['variables'])}"
+            )
+            row = {"effect": name, "aircraft": words.who_text(one, words.fleet_of(gap))}
+            row["probability"] = one["probability"]
+            rows.append(row | {"closes": closure_text(one.get("closure"))})
+        return str(html.paragraph(words.headline(gap)) + html.table(rows))
 
 
 def _shown(find: Callable[P, Diagnosis]) -> Callable[P, ShownDiagnosis]:
     @wraps(find)
     def diagnose(*args: P.args, **kwargs: P.kwargs) -> ShownDiagnosis:
-        found = find(*args, **kwargs)
-        return ShownDiagnosis(*(getattr(found, one.name) for one in fields(found)))
+        return ShownDiagnosis(**vars(find(*args, **kwargs)))
 
     return diagnose
 

@@ -148,7 +148,7 @@ def _parameter_text(
         return f"{label} {shown:{',.0f' if abs(shown) >= 1000 else '.4g'}}{unit}"
     # One or two figures of the half width; 1.05: 0.096 is shown as 0.1, not as 0.10.
     digits = int(np.clip(np.ceil(-np.log10(half * 1.05)), 0, 4))
-    return f"{label} {round(shown, digits) + 0.0:.{digits}f} ± {half:.{digits}f}{unit}"
+    return f"{label} {shown:z.{digits}f} ± {half:.{digits}f}{unit}"
 
 
 def period_text(effect: Entry) -> str:

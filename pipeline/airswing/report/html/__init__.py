@@ -138,7 +138,7 @@ def joined(words: Sequence[object], *, most: int = 6) -> str:
 def number_text(value: SupportsFloat | None, *, digits: int = 2, factor: float = 1.0) -> str:
     """Return `factor` times a number with fixed digits, or a dash where there is none."""
     number = float("nan") if value is None else factor * float(value)
-    return f"{round(number, digits) + 0.0:.{digits}f}" if np.isfinite(number) else "-"
+    return f"{number:z.{digits}f}" if np.isfinite(number) else "-"
 
 
 def interval_text(value: float, half: float, *, digits: int = 2, sign: bool = False) -> str:
