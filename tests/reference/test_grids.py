@@ -30,41 +30,34 @@ THIRDS = {
     "iDirectionIncrementInDegrees": 0.333,
     "jDirectionIncrementInDegrees": 0.333,
 }
-CASES = {}
-for _edition in (1, 2):
-    CASES |= {
-        f"{name}-{_edition}": (keys, _edition)
-        for name, keys in {
-            "lambert tangent": LAMBERT,
-            "lambert secant": {**LAMBERT, "Latin1InDegrees": 30.0, "Latin2InDegrees": 60.0},
-            "lambert south": {**LAMBERT, **SOUTH_CONE, "latitudeOfFirstGridPointInDegrees": -55.0},
-            "lambert by columns": {**LAMBERT, "jPointsAreConsecutive": 1},
-            "lambert over the antimeridian": {
-                **LAMBERT,
-                "LoVInDegrees": 180.0,
-                "longitudeOfFirstGridPointInDegrees": 160.0,
-            },
-            "latlon": LATLON,
-            "latlon northwards": {**LATLON, **UP, "jScansPositively": 1},
-            "latlon westwards": {**LATLON, **WEST, "iScansNegatively": 1},
-            "latlon by columns": {**LATLON, "jPointsAreConsecutive": 1},
-            "globe": GLOBE,
-            "rotated": ROTATED,
-            "polar": POLAR,
-            "mercator": MERCATOR,
-        }.items()
-    }
-for _lad in (25.0, 60.0, 90.0):
-    CASES[f"polar north LaD {_lad}"] = ({**POLAR, "LaDInDegrees": _lad}, 2)
-    CASES[f"polar south LaD {_lad}"] = ({**POLAR, **SOUTHWARD, "LaDInDegrees": -_lad}, 2)
-CASES["mercator LaD 40"] = ({**MERCATOR, "LaDInDegrees": 40.0}, 2)
-CASES["lambert LaD elsewhere"] = ({**LAMBERT, "LaDInDegrees": 60.0}, 2)
+SECANT = {**LAMBERT, "Latin1InDegrees": 30.0, "Latin2InDegrees": 60.0}
+ACROSS = {"LoVInDegrees": 180.0, "longitudeOfFirstGridPointInDegrees": 160.0}
+BOTH = {
+    "lambert tangent": LAMBERT,
+    "lambert secant": SECANT,
+    "lambert south": {**LAMBERT, **SOUTH_CONE, "latitudeOfFirstGridPointInDegrees": -55.0},
+    "lambert by columns": {**LAMBERT, "jPointsAreConsecutive": 1},
+    "lambert over the antimeridian": {**LAMBERT, **ACROSS},
+    "latlon": LATLON,
+    "latlon northwards": {**LATLON, **UP, "jScansPositively": 1},
+    "latlon westwards": {**LATLON, **WEST, "iScansNegatively": 1},
+    "latlon by columns": {**LATLON, "jPointsAreConsecutive": 1},
+    "globe": GLOBE,
+    "rotated": ROTATED,
+    "polar": POLAR,
+    "mercator": MERCATOR,
+}
+SECOND = {
+    **{f"polar north LaD {lad}": {**POLAR, "LaDInDegrees": lad} for lad in (25, 60, 90)},
+    **{f"polar south LaD {n}": {**POLAR, **SOUTHWARD, "LaDInDegrees": -n} for n in (25, 60, 90)},
+    "mercator LaD 40": {**MERCATOR, "LaDInDegrees": 40.0},
+    "lambert LaD elsewhere": {**LAMBERT, "LaDInDegrees": 60.0},
+}
 for _shape in (0, 2, 4, 5, 6, 8, 9):
-    CASES[f"lambert on earth {_shape}"] = (
-        {**LAMBERT, "Latin1InDegrees": 30.0, "Latin2InDegrees": 60.0, "shapeOfTheEarth": _shape},
-        2,
-    )
-    CASES[f"mercator on earth {_shape}"] = ({**MERCATOR, "shapeOfTheEarth": _shape}, 2)
+    SECOND[f"lambert on earth {_shape}"] = {**SECANT, "shapeOfTheEarth": _shape}
+    SECOND[f"mercator on earth {_shape}"] = {**MERCATOR, "shapeOfTheEarth": _shape}
+CASES = {f"{name}-{edition}": (keys, edition) for name, keys in BOTH.items() for edition in (1, 2)}
+CASES |= {name: (keys, 2) for name, keys in SECOND.items()}
 CASES["lambert on an oblate earth-1"] = ({**LAMBERT, "resolutionAndComponentFlags": 72}, 1)
 
 
