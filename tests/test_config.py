@@ -16,6 +16,8 @@ SMALLEST = {
     "references": {"ruc": {"files": "ruc/*.grb"}, "nam": {"files": "nam/*.grb"}},
     "output": "results/",
 }
+GROUPS = {"start": 20091020, "before_start": "2009-07-20", "corrected": ["N1", "N2"]}
+GROUPS |= {"controls": ["N2"]}
 
 
 def write(folder, content):
@@ -55,25 +57,9 @@ def test_defaults_are_the_documented_ones_in_si(tmp_path):
         ({"pool": {"x": ["ruc", "ruc"]}}, ["pool.x: a pool needs at least two references"]),
         ({"handover": {"platform": "JET"}}, ["handover.platform", "'auto', 'TAMDAR'", "JET"]),
         ({"references": {"ruc": {"files": "a", "leed": "3 h"}}}, ["references.ruc", "'lead'"]),
-        (
-            {"observation_errors": {"covariance": 3}},
-            ["observation_errors", "'reference_covariance'"],
-        ),
-        (
-            {"postprocess": {"pairs": {"files": "a", "colums": {}}}},
-            ["postprocess.pairs.colums", "'columns'"],
-        ),
-        (
-            {
-                "field_test": {
-                    "start": 20091020,
-                    "before_start": "2009-07-20",
-                    "corrected": ["N1", "N2"],
-                    "controls": ["N2"],
-                }
-            },
-            ["field_test", "both groups", "N2"],
-        ),
+        ({"observation_errors": {"covariance": 3}}, ["observation_errors", "reference_covariance"]),
+        ({"postprocess": {"pairs": {"colums": {}}}}, ["postprocess.pairs.colums", "'columns'"]),
+        ({"field_test": GROUPS}, ["field_test", "both groups", "N2"]),
     ],
 )
 def test_a_fault_is_named_with_its_place(tmp_path, change, words):
@@ -145,15 +131,8 @@ def test_numbers_that_are_no_time_are_refused(written):
 @pytest.mark.parametrize(
     "value",
     [
-        "x" * 10**6,
-        "a\nb\tc\x00d",
-        [["deep"] * 50] * 50,
-        {n: n for n in range(10**4)},
-        10**6000,
-        [10**6000],
-        b"\xff" * 10**5,
-        "‮",
-        object(),
+        *("x" * 10**6, "a\nb\tc\x00d", [["deep"] * 50] * 50, {n: n for n in range(10**4)}),
+        *(10**6000, [10**6000], b"\xff" * 10**5, "‮", object()),
     ],
     ids=range(9),
 )

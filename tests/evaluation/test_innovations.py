@@ -28,15 +28,11 @@ def test_disagreement_by_hand():
         np.zeros(2, np.int64),
         1,
     )
+    expected = {"reports": 2, "mean_vector": 3.5, "vector_rms": 12.5**0.5, "eastward_mean": 2.0}
+    expected |= {"cross_rms": 4.5**0.5, "along_rms": 8.0**0.5}
+    expected["direction_rms_deg"] = np.degrees(np.arctan2(3.0, 10.0)) / np.sqrt(2)
     found = measures_of(sums[:, 0])
-    assert found["reports"] == 2
-    assert found["mean_vector"] == pytest.approx(3.5)
-    assert found["vector_rms"] == pytest.approx(np.sqrt(12.5))
-    assert found["cross_rms"] == pytest.approx(np.sqrt(4.5))
-    assert found["along_rms"] == pytest.approx(np.sqrt(8.0))
-    assert found["eastward_mean"] == pytest.approx(2.0)
-    turned = np.degrees(np.arctan2(3.0, 10.0))
-    assert found["direction_rms_deg"] == pytest.approx(turned / np.sqrt(2))
+    assert {name: found[name] for name in expected} == pytest.approx(expected)
 
 
 def test_innovations_of_compass_points():
@@ -113,13 +109,15 @@ def test_statistics_are_those_of_numpy(archive):
         headings["eastward_wind"] - headings["reference_eastward_wind"].mean("reference")
     ).to_numpy()[used]
     cell = whole.sel(aircraft="N1", reference="both", state="reported")
-    for name, expected in (
-        ("count", used.sum()),
-        ("bias", difference.mean()),
-        ("standard_deviation", difference.std(ddof=1)),
-        ("rms", np.sqrt((difference**2).mean())),
-    ):
-        assert float(cell[f"innovation_eastward_{name}"]) == pytest.approx(expected)
+    expected = (
+        used.sum(),
+        difference.mean(),
+        difference.std(ddof=1),
+        np.sqrt((difference**2).mean()),
+    )
+    names = ("count", "bias", "standard_deviation", "rms")
+    found_values = [float(cell[f"innovation_eastward_{name}"]) for name in names]
+    assert found_values == pytest.approx(expected)
     moved = whole["innovation_eastward_bias"].sel(aircraft="N1", reference="both")
     assert float(moved.sel(state="corrected") - moved.sel(state="reported")) == pytest.approx(0.5)
     assert np.isnan(whole["innovation_speed_bias"].sel(aircraft="N2")).all()

@@ -34,11 +34,9 @@ PAIR = [f"N{401 + len(FAULTS)}", f"N{402 + len(FAULTS)}"]
 @pytest.fixture(scope="module")
 def archives():
     """One day without faults and with all of them."""
-    swap = {"name": "tail_swap", "tails": PAIR, "parameters": {}, "period": ["2009-03-01T18", None]}
-    effects = [
-        {"name": name, "tails": [TAILS[name]], "parameters": values, "period": None}
-        for name, values in FAULTS.items()
-    ]
+    swap = {"name": "tail_swap", "tails": PAIR, "period": ["2009-03-01T18", None]}
+    faults = FAULTS.items()
+    effects = [{"name": n, "tails": [TAILS[n]], "parameters": values} for n, values in faults]
     common = {"days": 1, "aircraft": len(FAULTS) + 2, "seed": 3, "coding": FINE}
     common |= {"references": ("ruc",), "columns": 20, "rows": 16, "spacing_km": 85.0}
     common |= {"levels": (950, 700, 500, 350)}
