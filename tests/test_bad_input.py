@@ -122,21 +122,19 @@ def test_reports_that_cannot_be_used(archive, tmp_path, name):
 
 GROUPS = {"start": "2009-02-28", "before_start": "2009-02-27"}
 GROUPS |= {"corrected": ["S1"], "controls": ["S2", "S3"]}
+ABSENT = {"references": {"model": {"files": "none/*"}}}
 CONFIGURATIONS = {
     "wrong unit": (
         {"reports": {"files": "r.csv", "columns": {"ff": {"name": "wind_speed_kt", "unit": "kg"}}}},
         ("config.yaml: reports.columns.ff", "kg", "m/s"),
     ),
     "empty glob": (
-        {"reports": {"files": "none/*.csv"}},
-        ("config.yaml", "reports.files", "none/*.csv"),
+        {"reports": {"files": "no/*.csv"}},
+        ("config.yaml", "reports.files", "no/*.csv"),
     ),
-    "empty model glob": (
-        {"references": {"model": {"files": "none/*"}}},
-        ("config.yaml", "references.model.files", "none/*"),
-    ),
+    "empty model glob": (ABSENT, ("config.yaml", "references.model.files", "none/*")),
     "an aircraft without reports": (
-        {"field_test": GROUPS | {"controls": ["N999"]}, "references": {"model": {"files": "none"}}},
+        {"field_test": GROUPS | {"controls": ["N999"]}} | ABSENT,
         ("config.yaml", "field_test", "N999", "S1, S2, S3"),
     ),
     "a folder": ({"references": {"model": {"files": "."}}}, ("is a folder", "Name the files")),
@@ -197,36 +195,30 @@ def test_field_tests_that_cannot_be_evaluated(archive, tmp_path, changes, says):
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"x" * 300, "not a product"),
-        (b"\x89HDF\r\n\x1a\njunk", "a damaged NetCDF file"),
-        (None, "not a product"),
+        (lambda real: b"x" * 300, "not a product"),
+        (lambda real: b"\x89HDF\r\n\x1a\njunk", "a damaged NetCDF file"),
+        (lambda real: real("reports/acars_19990209_14z.nc").read_bytes(), "not a product"),
     ],
 )
 def test_a_product_that_is_none(archive, tmp_path, real, content, says):
     with_products(archive, tmp_path)
     (place,) = (tmp_path / "out/headings").glob("*.nc")
-    if content is None:
-        shutil.copyfile(real("reports/acars_19990209_14z.nc"), place)
-    else:
-        place.write_bytes(content)
+    place.write_bytes(content(real))
     refused("fit", configure(archive, tmp_path), says=(place.name, says))
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("- {name: hard_irn, tails: all, parameters: {}}", ("hard_irn", "hard_iron")),
-        (
-            "- {name: hard_iron, tails: all, parameters: {amplitude_deg: .nan, phase_deg: 1}}",
-            ("amplitude_deg", "nan"),
-        ),
-        ("- {name: heater_current, tails: all, parameters: {offset_deg: 3}}", ("no icing",)),
-        ("- {name: hard_iron, tails: [ZZ], parameters: {amplitude_deg: 3, phase_deg: 1}}", ("ZZ",)),
+        ("hard_irn, tails: all, parameters: {}", ("hard_irn", "hard_iron")),
+        ("hard_iron, tails: all, parameters: {amplitude_deg: .nan}", ("amplitude_deg", "nan")),
+        ("heater_current, tails: all, parameters: {offset_deg: 3}", ("no icing",)),
+        ("hard_iron, tails: [ZZ], parameters: {amplitude_deg: 3, phase_deg: 1}", ("ZZ",)),
     ],
     ids=["effect", "not a number", "no icing column", "aircraft"],
 )
 def test_effects_that_cannot_be_simulated(archive, tmp_path, text, says):
-    (tmp_path / "effects.yaml").write_text(text)
+    (tmp_path / "effects.yaml").write_text(f"- {{name: {text}}}")
     path = configure(archive, tmp_path)
     words = ("-o", tmp_path / "s.csv", "--effects", tmp_path / "effects.yaml")
     refused("simulate", path, *words, says=says)

@@ -109,15 +109,11 @@ def test_statistics_are_those_of_numpy(archive):
         headings["eastward_wind"] - headings["reference_eastward_wind"].mean("reference")
     ).to_numpy()[used]
     cell = whole.sel(aircraft="N1", reference="both", state="reported")
-    expected = (
-        used.sum(),
-        difference.mean(),
-        difference.std(ddof=1),
-        np.sqrt((difference**2).mean()),
-    )
+    rms = np.sqrt((difference**2).mean())
+    expected = [used.sum(), difference.mean(), difference.std(ddof=1), rms]
     names = ("count", "bias", "standard_deviation", "rms")
-    found_values = [float(cell[f"innovation_eastward_{name}"]) for name in names]
-    assert found_values == pytest.approx(expected)
+    stated = [float(cell[f"innovation_eastward_{name}"]) for name in names]
+    assert stated == pytest.approx(expected)
     moved = whole["innovation_eastward_bias"].sel(aircraft="N1", reference="both")
     assert float(moved.sel(state="corrected") - moved.sel(state="reported")) == pytest.approx(0.5)
     assert np.isnan(whole["innovation_speed_bias"].sel(aircraft="N2")).all()
