@@ -34,15 +34,9 @@ Places = tuple[Floats, Floats, Floats]
 """Latitudes, longitudes (degrees) and pressures (Pa) of reports."""
 COLUMNS = ("time", "latitude", "longitude", "pressure")
 _WINDS = ("reference_eastward_wind", "reference_northward_wind", "lead_time")
+_DERIVED = ("tendency", "lnp_derivative", "x_derivative", "y_derivative")
 DERIVATIVES = (
-    "reference_eastward_wind_tendency",
-    "reference_northward_wind_tendency",
-    "reference_eastward_wind_lnp_derivative",
-    "reference_northward_wind_lnp_derivative",
-    "reference_eastward_wind_x_derivative",
-    "reference_northward_wind_x_derivative",
-    "reference_eastward_wind_y_derivative",
-    "reference_northward_wind_y_derivative",
+    *(f"{wind}_{derived}" for derived in _DERIVED for wind in _WINDS[:2]),
     "grid_convergence",
 )
 """Names of the optional derivative variables."""

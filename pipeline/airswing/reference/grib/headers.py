@@ -373,20 +373,9 @@ def _field_1(
     if packing == 0 and bitmap < 0:
         _check_length(stop - at - 11, bits, size)
     found = start, length, 1, kind, level_kind, level, valid, lead, grid
+    place = -1, 0, 0, member  # points, file and part
     sparse = packing == 0 and bits <= MAX_BITS
-    return Field(
-        *found,
-        points=-1,
-        file=0,
-        part=0,
-        member=member,
-        packing=packing,
-        sparse=sparse,
-        **scale._asdict(),
-        bitmap=bitmap,
-        data_start=at + 11,
-        data_end=stop,
-    )
+    return Field(*found, *place, packing, sparse, *scale, bitmap, at + 11, stop)
 
 
 def _section_length(window: Window, at: int, end: int, least: int) -> int:
@@ -467,20 +456,10 @@ def _field_2(
             sparse = usual and bits <= MAX_BITS
     member = product[35] if numbered else 0
     bitmap = bitmap + 6 if bitmap >= 0 else -1
-    found = *place[:2], 2, kind, level_kind, level, valid, lead, grid
-    return Field(
-        *found,
-        points=-1,
-        file=0,
-        part=place[2],
-        member=member,
-        packing=packing,
-        sparse=sparse,
-        **scale._asdict(),
-        bitmap=bitmap,
-        data_start=start,
-        data_end=end,
-    )
+    first, length, part = place
+    found = first, length, 2, kind, level_kind, level, valid, lead, grid
+    at = -1, 0, part, member  # points, file and part
+    return Field(*found, *at, packing, sparse, *scale, bitmap, start, end)
 
 
 # both editions
