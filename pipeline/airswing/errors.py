@@ -85,9 +85,9 @@ class InputError(AirswingError):
         super().__init__(message)
 
     def located(self, *, file: object | None = None, field: str | None = None) -> Self:
-        """Return the same error with a file or field in place of its own."""
-        place = {"file": file or self.file, "field": field or self.field}
-        return type(self)(self.what, **place, found=self.found, remedy=self.remedy)  # type: ignore[arg-type]
+        """Return the same error for another file or field."""
+        file, field = file or self.file, field or self.field
+        return type(self)(self.what, file=file, field=field, found=self.found, remedy=self.remedy)
 
     def __reduce__(self) -> tuple[object, ...]:
         rest = partial(type(self), file=self.file, field=self.field, found=self.found)

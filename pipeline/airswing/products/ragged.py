@@ -55,13 +55,11 @@ def aircraft_groups(row_size: NDArray[np.integer], limit: int = BLOCK_REPORTS) -
     return found
 
 
-def blocks(
-    ds: xr.Dataset, names: Sequence[str] | None = None, *, limit: int | None = None
-) -> Iterator[xr.Dataset]:
+def blocks(ds: xr.Dataset, names: Sequence[str] | None = None) -> Iterator[xr.Dataset]:
     """Iterate over an archive in blocks of whole aircraft, each in memory.
 
-    ``names`` are the variables to read where they exist, all by default, ``limit`` the reports of a
-    block, by default `BLOCK_REPORTS`. Without ``row_size`` all reports are of one aircraft.
+    ``names`` are the variables to read where they exist, all by default. Without ``row_size`` all
+    reports are of one aircraft.
     """
     if "row_size" not in ds:
         ds = ds.assign(row_size=("aircraft", np.array([ds.sizes["report"]])))
@@ -69,7 +67,7 @@ def blocks(
     start, stop = row_bounds(row_size)
     wanted = dict.fromkeys([*(names or ()), "row_size"])
     chosen = ds if names is None else ds[[name for name in wanted if name in ds]]
-    for group in aircraft_groups(row_size, BLOCK_REPORTS if limit is None else limit):
+    for group in aircraft_groups(row_size):
         reports = slice(int(start[group.start]), int(stop[group.stop - 1]))
         yield chosen.isel({"aircraft": group, "report": reports}, missing_dims="ignore").load()
 

@@ -345,8 +345,8 @@ def gives_wind(variables: Iterable[str]) -> bool:
 
 
 def _absent(wanted: str, names: list[str], what: str, free: list[str] | None = None) -> InputError:
-    folded = {name.strip().lower(): name for name in (names if free is None else free)}
-    folded = {key: name for key, name in folded.items() if len(key) > 1}
+    stripped = ((name.strip(), name) for name in (names if free is None else free))
+    folded = {short.lower(): name for short, name in stripped if len(short) > 1}
     # Lower than the library's 0.6: two names of one column often share only a stem.
     near = difflib.get_close_matches(wanted.lower(), list(folded), n=3, cutoff=0.4)
     stem = wanted.split("_")[0].lower()

@@ -9,8 +9,6 @@ from airswing.workflow.job import FITS as FITS
 from airswing.workflow.job import HEADINGS as HEADINGS
 from airswing.workflow.job import PROFILES as PROFILES
 from airswing.workflow.job import Job as Job
-from airswing.workflow.main import Results as Results
-from airswing.workflow.main import run as run
 from airswing.workflow.main import run_job as run_job
 from airswing.workflow.months import make_headings as make_headings
 from airswing.workflow.stages import events_said as events_said
