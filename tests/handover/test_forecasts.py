@@ -203,7 +203,7 @@ def test_grib_forecasts_meet_observations(wrf, tmp_path):
     stations = tmp_path / "stations.csv"
     stations.write_text(
         "id,lat,lon,time,temperature_degC,wind_speed_kt,wind_direction_deg\n"
-        "ORD,41.98,-87.9,2005-08-07T12:10:00Z,20,10,270\n"
+        "ORD,41.98,-87.9,2005-08-07T12:10:00Z,20,10,210\n"
         "ORD,41.98,-87.9,2005-08-07T18:00:00Z,-999,0,0\n"
         "ORD,41.98,-87.9,2005-08-07T20:00:00Z,20,900,10\n"
         "NRT,35.76,140.4,2005-08-07T12:00:00Z,25,3,90\n"
@@ -212,7 +212,8 @@ def test_grib_forecasts_meet_observations(wrf, tmp_path):
     at = found["observation"].sel(station="ORD")
     for expected, variable, lead, start in (
         (293.15, "air_temperature", 12.0, 0),
-        (10 * 1852 / 3600, "eastward_wind", 12.0, 0),
+        (5 * 1852 / 3600, "eastward_wind", 12.0, 0),
+        (75**0.5 * 1852 / 3600, "northward_wind", 12.0, 0),
         (0.0, "wind_speed", 18.0, 0),
         (np.nan, "air_temperature", 18.0, 0),
         (np.nan, "wind_speed", 21.0, 0),

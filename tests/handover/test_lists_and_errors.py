@@ -126,6 +126,7 @@ def test_a_turboprop_comes_off_the_real_list(real, tmp_path):
     off = done["taken_off"][0]
     assert [one["aircraft"] for one in done["taken_off"]] == ["00000566"]
     assert off["reported"]["bias_DIR"] == pytest.approx(9.0, abs=0.01)
+    assert off["reported"]["rms_W"] == pytest.approx(40.0 * np.sin(np.radians(4.5)), abs=0.01)
     assert off["reported_fails"] == ["bias_DIR"] and off["corrected_fails"] == []
     assert off["winds_a_day"] == pytest.approx(300.0, rel=0.01)
     assert done["winds_a_day_gained"] == off["winds_a_day"]
