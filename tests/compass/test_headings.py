@@ -217,14 +217,15 @@ def test_too_few_reports_or_one_wild_one():
 
 def test_inconsistent_input_is_refused():
     reports = flown(flights=2)
-    with pytest.raises(InputError, match="flight"):
-        derive_headings(reports.drop_vars("flight"), model(reports))
-    with pytest.raises(InputError, match="reference_northward_wind"):
-        derive_headings(reports, model(reports).drop_vars("reference_northward_wind"))
-    with pytest.raises(InputError, match="35 winds for 36 reports"):
-        derive_headings(reports, model(reports).isel(report=slice(1, None)))
-    with pytest.raises(InputError, match="row_size"):
-        derive_headings(reports.assign(row_size=("aircraft", [3, 4])), model(reports))
+    winds = model(reports)
+    for part, wind, says in (
+        (reports.drop_vars("flight"), winds, "flight"),
+        (reports, winds.drop_vars("reference_northward_wind"), "reference_northward_wind"),
+        (reports, winds.isel(report=slice(1, None)), "35 winds for 36 reports"),
+        (reports.assign(row_size=("aircraft", [3, 4])), winds, "row_size"),
+    ):
+        with pytest.raises(InputError, match=says):
+            derive_headings(part, wind)
     none = reports.isel(report=[]).assign(row_size=("aircraft", [0, 0]))
     assert derive_headings(none, model(none)).heading_error.shape == (1, 0)
 

@@ -83,13 +83,11 @@ def headings(seconds, wind, reference, ground, columns, aircraft):
 
 def polar(wind):
     """Speed and direction of a complex wind."""
-    direction = np.degrees(np.arctan2(-wind.real, -wind.imag)) % 360.0
-    return {"speed": np.abs(wind), "direction": direction}
+    return {"speed": np.abs(wind), "direction": (270.0 - np.degrees(np.angle(wind))) % 360.0}
 
 
 def speed_and_direction(fields):
-    turn = np.radians(fields["direction"])
-    return -fields["speed"] * (np.sin(turn) + 1j * np.cos(turn))
+    return fields["speed"] * np.exp(1j * np.radians(270.0 - fields["direction"]))
 
 
 def triangle(heading=np.asarray, track=np.asarray, ground=1.0):
@@ -196,11 +194,8 @@ def test_without_temperatures_the_speed_at_the_level_shows_metres_under_feet():
 
 
 def test_one_aircraft_of_a_fleet_and_aircraft_with_few_reports():
-    def change(fields):
-        first = np.arange(fields["speed"].size) < FLIGHTS * REPORTS
-        return {"speed": np.where(first, KNOT, 1.0) * fields["speed"]}
-
-    (finding,) = plausibility(archive(change))
+    first = np.arange(AIRCRAFT * FLIGHTS * REPORTS) < FLIGHTS * REPORTS
+    (finding,) = plausibility(archive(scaled("speed", np.where(first, KNOT, 1.0))))
     assert finding.aircraft == ("A",)
     short = archive(scaled("speed", KNOT)).drop_dims("aircraft")
     short = short.assign_coords(aircraft=[f"T{n}" for n in range(48)])

@@ -15,8 +15,7 @@ def base():
     return latlon(latitude=np.arange(30.0, 50.1, 2.5), longitude=np.arange(-110.0, -79.9, 2.5))
 
 
-def changed(name, attrs, ds=None):
-    ds = base() if ds is None else ds
+def changed(ds, name, **attrs):
     ds[name].attrs = attrs
     return ds
 
@@ -25,46 +24,33 @@ def with_levels(values, **attrs):
     return base().assign_coords(level=("level", values, attrs))
 
 
+HYBRID = "atmosphere_hybrid_sigma_pressure_coordinate"
 SPEED = {"standard_name": "wind_speed", "units": "m s-1"}
+TRUE = {"units": "m/s", "grid_mapping": "crs", "standard_name": "northward_wind"}
 CASES = {
-    "no winds": (lambda: base().drop_vars("v").rename(u="t").assign(t=0 * base().u), "no wind"),
-    "u alone": (lambda: base().drop_vars("v"), "no wind"),
+    "no winds": (base().drop_vars("v").rename(u="t").assign(t=0 * base().u), "no wind"),
+    "u alone": (base().drop_vars("v"), "no wind"),
     "speed only": (
-        lambda: changed("ws", SPEED, base().rename(u="ws").drop_vars("v")),
+        changed(base().rename(u="ws").drop_vars("v"), "ws", **SPEED),
         "wind speed without components",
     ),
-    "no levels": (lambda: base().isel(level=0, drop=True), "no wind"),
-    "no time": (lambda: base().isel(time=0, drop=True), "no time axis"),
-    "no units": (lambda: changed("u", {"standard_name": "eastward_wind"}), "u: units missing"),
-    "heights": (
-        lambda: with_levels(np.arange(6.0) * 100, units="m", standard_name="height"),
-        "no wind",
-    ),
-    "hybrid without pressure": (
-        lambda: with_levels(
-            np.arange(1.0, 7.0), standard_name="atmosphere_hybrid_sigma_pressure_coordinate"
-        ),
-        "no wind",
-    ),
-    "no projection": (
-        lambda: projected("lambert").drop_vars("crs"),
-        "projection that is not given",
-    ),
+    "no levels": (base().isel(level=0, drop=True), "no wind"),
+    "no time": (base().isel(time=0, drop=True), "no time axis"),
+    "no units": (changed(base(), "u", standard_name="eastward_wind"), "u: units missing"),
+    "heights": (with_levels(np.arange(6.0), units="m", standard_name="height"), "no wind"),
+    "hybrid without pressure": (with_levels(np.arange(1.0, 7.0), standard_name=HYBRID), "no wind"),
+    "no projection": (projected("lambert").drop_vars("crs"), "projection that is not given"),
     "unknown projection": (
-        lambda: changed("crs", {"grid_mapping_name": "my_projection"}, projected("lambert")),
+        changed(projected("lambert"), "crs", grid_mapping_name="my_projection"),
         "projection not known.*my_projection",
     ),
     "one along, one true": (
-        lambda: changed(
-            "va",
-            {"units": "m/s", "grid_mapping": "crs", "standard_name": "northward_wind"},
-            projected("lambert"),
-        ),
+        changed(projected("lambert"), "va", **TRUE),
         "one component points along the grid",
     ),
-    "two of one kind": (lambda: base().assign(u2=base().u), "two candidates for u"),
+    "two of one kind": (base().assign(u2=base().u), "two candidates for u"),
     "two level axes": (
-        lambda: base().rename(level="tier").expand_dims(layer=[1.0, 2.0]).drop_vars("tier"),
+        base().rename(level="tier").expand_dims(layer=[1.0, 2.0]).drop_vars("tier"),
         r"several dimensions may hold the levels.*level: NAME",
     ),
 }
@@ -72,10 +58,9 @@ CASES = {
 
 @pytest.mark.parametrize("case", sorted(CASES))
 def test_one_clear_message(case, tmp_path):
-    make, words = CASES[case]
-    path = tmp_path / "bad.nc"
-    make().to_netcdf(path)
-    for given in (str(path), make()):
+    ds, words = CASES[case]
+    ds.to_netcdf(tmp_path / "bad.nc")
+    for given in (str(tmp_path / "bad.nc"), ds):
         with pytest.raises(InputError, match=words) as caught:
             airswing.build_catalogue(given, name="bad")
         message = str(caught.value)
