@@ -164,9 +164,8 @@ def test_corrected_wind_is_near_the_truth(fleet, method):
         miss = np.hypot(*(wind - truth["true_wind"]).T).reshape(3, size)
         return np.sqrt(np.mean(miss**2, axis=1))
 
-    done, scaled = (
-        correct(headings, fits, method=method, apply_airspeed_scale=one) for one in (False, True)
-    )
+    options = ({"method": method, "apply_airspeed_scale": one} for one in (False, True))
+    done, scaled = (correct(headings, fits, **one) for one in options)
     assert (off(done, "corrected_") < 0.6 * off(headings, "")).all()
     assert (off(scaled, "corrected_") < 0.15 * off(headings, "")).all()
     assert np.all(done["correction_applied"] == CORRECTION["corrected"])

@@ -90,12 +90,11 @@ def test_pool_fits_members_together_and_covers():
     headings, truth = fly(deviation, Setting(aircraft=4, days=30, references=2), 12)
     fits = fit_deviation(headings, pools={"both": ["ruc", "rtfdaa"]})
     assert fits["reference"].to_numpy().tolist() == ["ruc", "rtfdaa", "both"]
-    error = errors_of(fits)[:, :, :3]
+    error, both = errors_of(fits)[:, :, :3], fits.isel(reference=2)
     assert np.all(error[2] < np.maximum(error[0], error[1]))
-    assert np.abs(fits["deviation"].to_numpy()[2] - deviation).max() < 0.5
-    assert fits["reference_bias"].to_numpy()[2] == pytest.approx(
-        truth["bias"].mean(axis=(0, 1)), abs=0.6
-    )
+    assert np.abs(both["deviation"].to_numpy() - deviation).max() < 0.5
+    bias = truth["bias"].mean(axis=(0, 1))
+    assert both["reference_bias"].to_numpy() == pytest.approx(bias, abs=0.6)
     with pytest.raises(InputError, match="nam"):
         fit_deviation(headings, pools={"bad": ["ruc", "nam"]})
     with pytest.raises(InputError, match="airspeed_error"):
@@ -103,8 +102,7 @@ def test_pool_fits_members_together_and_covers():
 
 
 def test_cycles_by_evidence():
-    none = np.array([[1.0, 4.0, -2.0, 0.0, 0.0]] * 8)
-    headings, _ = fly(none, Setting(aircraft=8, days=30), 6)
+    headings, _ = fly([[1.0, 4.0, -2.0, 0.0, 0.0]] * 8, Setting(aircraft=8, days=30), 6)
     fits = fit_deviation(headings)
     one = fits["harmonics"].to_numpy()[0] == 1
     assert one.sum() >= 7
@@ -204,9 +202,9 @@ def statuses(size, seeds, **setting):
     """Status of fleets of 20 aircraft with one cycle of this amplitude (degrees)."""
     found = []
     for seed in seeds:
-        phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, 20)
-        deviation = np.zeros((20, 5))
-        deviation[:, 1], deviation[:, 2] = size * np.cos(phase), size * np.sin(phase)
+        phase, zero = np.random.default_rng(seed).uniform(0, 2 * np.pi, 20), np.zeros(20)
+        cycle = size * np.cos(phase), size * np.sin(phase)
+        deviation = np.stack([zero, *cycle, zero, zero], axis=1)
         headings, _ = fly(deviation, Setting(aircraft=20, **setting), seed + 100)
         found.append(fit_deviation(headings)["status"].to_numpy()[0])
     return np.concatenate(found)
@@ -235,22 +233,20 @@ def test_rates_of_false_corrections_and_false_refusals():
 
 def test_the_improvement_is_that_of_the_winds():
     """On days that the fit has not seen, in the mean square."""
-    deviation = [[1.0, 3.0, -2.0, 0.0, 0.0]] * 4
-    headings, _ = fly(deviation, Setting(aircraft=4, days=60, bias=(0.0, 0.0), bias_spread=0.0), 5)
+    setting = Setting(aircraft=4, days=60, bias=(0.0, 0.0), bias_spread=0.0)
+    headings, _ = fly([[1.0, 3.0, -2.0, 0.0, 0.0]] * 4, setting, 5)
     early = (headings["time"] < headings["time"].quantile(0.5)).to_numpy()
     learned = headings.assign(screening=("report", np.where(early, 0, 1).astype(np.int32)))
     done = correct(headings, add_tables(fit_deviation(learned), learned), method="curve")
-    squares = [
-        (done[f"{name}eastward_wind"] - headings["reference_eastward_wind"][0]) ** 2
-        + (done[f"{name}northward_wind"] - headings["reference_northward_wind"][0]) ** 2
-        for name in ("", "corrected_")
-    ]
-    size = int(headings["row_size"][0])
-    later = np.where(early, np.nan, (squares[0] - squares[1]).to_numpy()).reshape(4, size)
-    fits = fit_deviation(headings).isel(reference=0)
-    stated, error = (
-        fits[f"held_out_improvement{name}"].to_numpy() for name in ("", "_standard_error")
+    fall = sum(
+        (done[name] - headings[f"reference_{name}"][0]) ** 2
+        - (done[f"corrected_{name}"] - headings[f"reference_{name}"][0]) ** 2
+        for name in ("eastward_wind", "northward_wind")
     )
+    later = np.where(early, np.nan, fall.to_numpy()).reshape(4, -1)
+    fits = fit_deviation(headings).isel(reference=0)
+    names = ("held_out_improvement", "held_out_improvement_standard_error")
+    stated, error = (fits[name].to_numpy() for name in names)
     assert (fits["status"] == STATUS["ok"]).all()
     assert (np.abs(np.nanmean(later, axis=1) - stated) < 4 * error + 0.1 * stated).all()
 
@@ -367,13 +363,10 @@ def test_corrections_tables_and_the_simulation_use_the_offset(one_octant, tmp_pa
 def test_the_refusal_names_the_limit_that_refused():
     few = Setting(aircraft=2, days=1, flights_a_day=4, reports_a_flight=60)
     headings, _ = on_one_octant(few, 1, [])
-    fits = fit_deviation(headings, min_reports=200)
     # four flights of sixty reports; no other aircraft shows the reference error of a flight
-    assert fits["status"].to_numpy().tolist() == [[STATUS["too_few_flights"]] * 2]
-    assert fit_deviation(headings, min_reports=1000)["status"].to_numpy().tolist() == [
-        [STATUS["too_few_reports"]] * 2
-    ]
-    assert not published(fits["status"]).any()
+    for least, status in ((200, "too_few_flights"), (1000, "too_few_reports")):
+        found = fit_deviation(headings, min_reports=least)["status"].to_numpy()
+        assert found.tolist() == [[STATUS[status]] * 2] and not published(found).any()
 
 
 def test_a_compass_that_changed_has_no_offset():
