@@ -1,7 +1,9 @@
-"""Content of gap.json and gap.nc of a small made-up diagnosis."""
+"""A small made-up diagnosis, and its maps."""
 
 import numpy as np
 import xarray as xr
+
+from airswing.gap.result.schema import GapReport
 
 TAILS = [f"N{401 + k}" for k in range(14)]
 
@@ -16,10 +18,7 @@ def effect(name, *tails, **given):
         "standard_errors": {},
         "period": None,
         "scope": "aircraft",
-        "ambiguous_with": [],
-        "ambiguity": [],
-        "share_of_gap": 0.0,
-        "closure": None,
+        "evidence_nats": 90.0,
     } | given
 
 
@@ -36,15 +35,18 @@ def iron(*tails, **given):
 
 def place(**given):
     """Return an error by temperature that no catalogue effect explains."""
-    edges = np.linspace(-60.0, 10.0, 9).tolist()
-    values = np.linspace(-1.0, 1.0, 8).tolist()
+    cells = {"edges": [np.linspace(-60.0, 10.0, 9).tolist()], "labels": [], "m_s": []}
+    cells |= {"values": np.linspace(-1.0, 1.0, 8).tolist(), "unit": "m/s"}
     return {
         "component": "across_heading",
         "variable": "temperature",
         "variables": ["temperature"],
         "tails": ["N403", "N404", "N405"],
         "scope": "aircraft",
-        "curve": {"unit": "m/s", "variable_units": ["°C"], "edges": [edges], "values": values},
+        "group": "fleet",
+        "evidence_nats": 90.0,
+        "size_m_s": 1.0,
+        "curve": cells | {"variable_units": ["°C"]},
         "closure": {"reduction": 3.3, "reduction_ci": [3.0, 3.6]},
         "probability": 0.97,
         "nearest_effect": "tas_scale",
@@ -56,11 +58,18 @@ def place(**given):
 
 def share(of_gap, q_value):
     """Return numbers of one slice of the gap."""
-    return {"component": "both", "share_of_gap": of_gap, "q_value": q_value}
+    numbers = {"share_of_gap": of_gap, "q_value": q_value, "p_value": q_value, "energy": 1.0}
+    return {"component": "both", "group": "", "curve": {"labels": [], "m_s": []}} | numbers
+
+
+def counts(days=45, aircraft=14):
+    """Return numbers of reports, days and aircraft."""
+    none = dict.fromkeys(("flights", "reports_in_view", "clipped", "gross"), 0)
+    return {"reports": 30600, "days": days, "aircraft": aircraft} | none
 
 
 def content(*effects, **changes):
-    """Return the content of gap.json."""
+    """Return a diagnosis."""
     places = changes.pop("places", [])
     closure = {
         "before": 8.31,
@@ -71,16 +80,16 @@ def content(*effects, **changes):
         "reduction": 2.04,
         "reduction_ci": [1.9, 2.2],
     }
-    none = [0.01] * 14
-    row = {"scope": "aircraft", "known": True, "posterior": none}
-    return {
+    row = {"scope": "aircraft", "known": True, "posterior": [0.01] * 14, "subset": []}
+    row |= {"raw_nats": 1.0, "cluster_factor": 1.0}
+    given = {
         "gap": {"mean_vector_disagreement_kt": 8.31, "noise_floor_kt": 6.2, "significance": 1e-9},
         "where": [{"variable": "aircraft", "values": ["N401", "N402"]} | share(0.71, 2e-4)],
         "slices": [{"variable": "level", "values": ["above 400 hPa"]} | share(0.03, 0.3)],
         "effects": list(effects),
         "unknown": {"present": bool(places), "where": places},
         "closure": closure | changes.pop("closure", {}),
-        "counts": {"reports": 30600, "days": 45, "aircraft": 14},
+        "counts": counts(),
         "untestable": {"altitude_offset": "too few climbs <and> descents"},
         "evidence": [
             row | {"name": "hard_iron", "instead_of": "hard_iron", "tempered_nats": 5230.0},
@@ -96,8 +105,12 @@ def content(*effects, **changes):
             "distance_km": [0.0, 100.0, None],
             "autocovariance": [2.2, 1.0, None],
             "autocovariance_model": [2.2, 0.9, 0.1],
+            "height_ln_p": 0.1,
+            **{f"{name}_sd_m_s": () for name in ("day_field", "climatology")},
+            **{f"level_{name}": () for name in ("hPa", "factor")},
         },
-    } | changes
+    }
+    return GapReport.of(given | changes)
 
 
 def maps():

@@ -1,7 +1,7 @@
 """A diagnosis works on the headings of the main job, from known effects or other simulations."""
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -138,7 +138,7 @@ def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp
     assert entry.aircraft_in_both == [f"N{k}" for k in range(401, 406)]
     assert start.known_entries[0].left_out == 1
     assert start.frame.airspeed == pytest.approx(archive_frame.airspeed - 1.0, abs=1e-9)
-    assert "flew other paths" in start_words(None, asdict(start.simulation))
+    assert "flew other paths" in start_words(None, start.simulation)
 
 
 def test_an_archive_against_itself_has_no_gap(archive, frame):

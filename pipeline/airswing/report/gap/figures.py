@@ -19,10 +19,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
-from airswing.gap.result.schema import GapReport
+from airswing.gap.result.schema import CurveEntry, GapReport, PlaceEntry, SliceEntry
 from airswing.report import html
 from airswing.report.gap import words
-from airswing.report.gap.words import Entry, number, p_text, plain_name
+from airswing.report.gap.words import number, p_text, plain_name
 from airswing.report.html import BLUE, FAINT, INK, ORANGE, SKY, SOFT, Look, Units, plural
 from airswing.report.html.maps import draw_map, view_of
 from airswing.report.run.heading_error import draw_heading_error, small_panels
@@ -36,46 +36,44 @@ _CATEGORIES = {"phase": ("ascent", "cruise", "descent"), "icing": ("off", "on")}
 
 
 def gap_figures(
-    gap: GapReport | Entry, maps: xr.Dataset, *, units: Units = "kt"
+    gap: GapReport, maps: xr.Dataset, *, units: Units = "kt"
 ) -> dict[str, Callable[[], Figure]]:
     """Return functions that draw the figures of a diagnosis that have data, by name."""
-    content = words.content_of(gap)
-    effects, places = content["effects"], content["unknown"]["where"]
-    compass = "heading_map" in maps and _CYCLES.keys() & {one["name"] for one in effects}
-    tested, noise = content.get("evidence"), content.get("noise") or {}
+    effects, places = gap.effects, gap.unknown.where
+    compass = "heading_map" in maps and _CYCLES.keys() & {one.name for one in effects}
     entries: list[tuple[Any, ...]] = [
-        ("compass_effects", compass, _compass_effects_figure, maps, content),
+        ("compass_effects", compass, _compass_effects_figure, maps, gap),
         *(
             (f"unknown_{place}", True, _unknown_curve_figure, entry, units)
             for place, entry in enumerate(places, 1)
         ),
-        ("waterfall", effects or places, _waterfall_figure, content, units),
-        ("slices", True, _slices_figure, content.get("where") or ()),
-        ("aircraft_heading", "heading_map" in maps, _aircraft_figure, maps, content, "heading_map"),
-        ("phase_level", "level_map_cross" in maps, _phase_level_figure, maps, content, units),
-        ("map", "region_map_u" in maps, _gap_map_figure, maps, content, units),
-        ("aircraft_time", "time_line" in maps, _aircraft_figure, maps, content, "time_line"),
+        ("waterfall", effects or places, _waterfall_figure, gap, units),
+        ("slices", True, _slices_figure, gap.where),
+        ("aircraft_heading", "heading_map" in maps, _aircraft_figure, maps, gap, "heading_map"),
+        ("phase_level", "level_map_cross" in maps, _phase_level_figure, maps, gap, units),
+        ("map", "region_map_u" in maps, _gap_map_figure, maps, gap, units),
+        ("aircraft_time", "time_line" in maps, _aircraft_figure, maps, gap, "time_line"),
         ("pit", "pit_count" in maps, _pit_figure, maps),
-        ("evidence", tested, _evidence_figure, content),
-        ("probability", tested, _probability_figure, content, names_of(maps)),
-        ("autocorrelation", noise.get("distance_km"), _autocorrelation_figure, content),
+        ("evidence", gap.evidence, _evidence_figure, gap),
+        ("probability", gap.evidence, _probability_figure, gap, names_of(maps)),
+        ("autocorrelation", gap.noise.distance_km, _autocorrelation_figure, gap),
     ]
     return {name: partial(function, *given) for name, there, function, *given in entries if there}
 
 
-def _reports(gap: Entry) -> str:
-    return f"n = {plural(int(gap['counts']['reports']), 'report')}"
+def _reports(gap: GapReport) -> str:
+    return f"n = {plural(gap.counts.reports, 'report')}"
 
 
-def _waterfall_figure(gap: Entry, units: Units) -> Figure:
+def _waterfall_figure(gap: GapReport, units: Units) -> Figure:
     factor = html.per_kt(units)
     steps = [
-        (step["label"], step["kt"], [before["kt"] - end for end in step["step_ci"]])
-        for before, step in pairwise(gap.get("waterfall") or ())
-        if step["step_ci"] is not None
+        (step.label, step.kt, [before.kt - end for end in step.step_ci])
+        for before, step in pairwise(gap.waterfall)
+        if step.step_ci is not None
     ]
-    levels = gap["closure"]["before"], gap["closure"]["after"], gap["gap"].get("noise_floor_kt")
-    before, end, floor = (factor * number(value) for value in levels)
+    levels = gap.closure.before, gap.closure.after, gap.gap.noise_floor_kt
+    before, end, floor = (factor * value for value in levels)
     bars = [("simulation so far", before, SOFT)]
     bars += [(f"+ {plain_name(name)}", factor * step, "") for name, step, _ in steps]
     bars.append(("with all effects", end, html.GREEN))
@@ -108,15 +106,15 @@ def _waterfall_figure(gap: Entry, units: Units) -> Figure:
     )
 
 
-def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:
+def _deviation_of(gap: GapReport, tail: str) -> tuple[Floats, Floats]:
     """Return coefficients A to E of the compass effects found on an aircraft, and their errors."""
     value, error = np.zeros(5), np.zeros(5)
-    for effect in gap["effects"]:
-        cycles = _CYCLES.get(effect["name"])
-        if cycles is None or (effect.get("tails") and tail not in effect["tails"]):
+    for effect in gap.effects:
+        cycles = _CYCLES.get(effect.name)
+        if cycles is None or (effect.tails and tail not in effect.tails):
             continue
-        entry = (effect.get("per_tail") or {}).get(tail) or effect
-        parameters, errors = entry["parameters"], entry.get("standard_errors") or {}
+        entry = (effect.per_tail or {}).get(tail) or effect
+        parameters, errors = dict[str, Any](entry.parameters), entry.standard_errors or {}
         name, places, shape = "offset_deg", slice(0, 1), np.ones(1)
         if cycles:
             name, places = "amplitude_deg", slice(2 * cycles - 1, 2 * cycles + 1)
@@ -127,7 +125,7 @@ def _deviation_of(gap: Entry, tail: str) -> tuple[Floats, Floats]:
     return value, error
 
 
-def _compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
+def _compass_effects_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
     found = {tail: _deviation_of(gap, tail) for tail in names_of(maps)}
     tails = [tail for tail, (value, _) in found.items() if np.any(value)][:12]
     if not tails:
@@ -159,19 +157,18 @@ def _compass_effects_figure(maps: xr.Dataset, gap: Entry) -> Figure:
     )
 
 
-def _unknown_curve_figure(place: Entry, units: Units) -> Figure:
-    curve = place["curve"]
-    edges = [np.asarray(bounds, float) for bounds in curve.get("edges") or []]
-    variables = [str(name) for name in curve.get("variables") or place.get("variables") or []]
-    unit, factor = str(curve.get("unit") or "m/s"), 1.0
+def _unknown_curve_figure(place: PlaceEntry, units: Units) -> Figure:
+    curve = place.curve
+    edges = [np.asarray(bounds, float) for bounds in curve.edges or []]
+    variables, unit, factor = curve.variables or place.variables, curve.unit or "m/s", 1.0
     if unit == "m/s":
         unit, factor = units, html.per_m_s(units)
-    values = curve["values"] if curve.get("values") is not None else curve["m_s"]
+    values = curve.values if curve.values is not None else curve.m_s
     value = factor * np.array(values, float)
     colours = [BLUE if one >= 0 else ORANGE for one in np.nan_to_num(value)]
     figure, axes = html.panels(2.9)
     what = f"fitted residual ({unit})"
-    if place["component"] == "reported_speed" and edges:
+    if place.component == "reported_speed" and edges:
         simulated = factor * edges[0]
         axes.plot(simulated, simulated, color=INK, linewidth=0.8, linestyle="--")
         axes.plot(simulated, value, color=BLUE)
@@ -189,22 +186,22 @@ def _unknown_curve_figure(place: Entry, units: Units) -> Figure:
             _label_variable(axis, curve, variables, edges, index)
         figure.colorbar(mesh, ax=axes, label=what)
     else:
-        names = [str(label) for label in curve["labels"]]
+        names = curve.labels
         axes.bar(names, value, color=colours)
         html.zero_line(axes, across=True)
         axes.margins(x=max(0.05, 0.5 - 0.1 * value.size))
         axes.tick_params(axis="x", labelrotation=45 if len(names) > 8 else 0, labelsize=8.5)
         axes.set_ylabel(what)
-    sentence = words.place_sentence(place, {}, units=units).rstrip(".")
+    sentence = words.place_sentence(place, 0, units=units).rstrip(".")
     return figure.say(f"{sentence} (n = {plural(int(value.size), 'value')}).")
 
 
 def _label_variable(
-    axis: Axis, curve: Entry, variables: Sequence[str], every: Sequence[Floats], index: int
+    axis: Axis, curve: CurveEntry, variables: Sequence[str], every: Sequence[Floats], index: int
 ) -> None:
     """Name a variable with its unit; label categories by name, and full circles at the quarters."""
-    name, edges, known = variables[index], every[index], curve.get("variable_units") or []
-    unit = str(known[index]).replace("m/s2", "m/s²") if index < len(known) else ""
+    name, edges, known = variables[index], every[index], curve.variable_units or []
+    unit = known[index].replace("m/s2", "m/s²") if index < len(known) else ""
     plain, names = name.replace("_", " "), _CATEGORIES.get(name, ())
     axis.set_label_text(f"{plain} ({unit})" if unit and not names else plain)
     if names and edges.size == len(names) + 1:
@@ -213,14 +210,14 @@ def _label_variable(
         axis.set_ticks(np.arange(0.0, 361.0, 90.0))
 
 
-def _slices_figure(where: Sequence[Entry]) -> Figure:
-    rows = sorted(where, key=lambda entry: -entry["share_of_gap"])[:15]
-    rows = [entry for entry in rows if entry["share_of_gap"] >= 0.005] or rows[:3]
+def _slices_figure(where: Sequence[SliceEntry]) -> Figure:
+    rows = sorted(where, key=lambda entry: -entry.share_of_gap)[:15]
+    rows = [entry for entry in rows if entry.share_of_gap >= 0.005] or rows[:3]
     if not rows:
         return html.empty_figure("No slice has a larger share of the gap than noise")
     figure, axes = html.panels(1.0 + 0.3 * len(rows))
-    share = 100 * np.array([entry["share_of_gap"] for entry in rows])
-    q_values = [number(entry.get("q_value")) for entry in rows]
+    share = 100 * np.array([entry.share_of_gap for entry in rows])
+    q_values = [entry.q_value for entry in rows]
     colours = [BLUE if value < 0.05 else FAINT for value in q_values]
     names, label = [words.slice_words(entry) for entry in rows], "share of the gap's variance (%)"
     texts = [f"{x:.0f} %   q {p_text(q)}" for x, q in zip(share, q_values, strict=True)]
@@ -251,11 +248,11 @@ def _edges(centres: Floats) -> Floats:
     return np.array([2 * centres[0] - middle[0], *middle, 2 * centres[-1] - middle[-1]])
 
 
-def _aircraft_figure(maps: xr.Dataset, gap: Entry, name: str) -> Figure:
+def _aircraft_figure(maps: xr.Dataset, gap: GapReport, name: str) -> Figure:
     tails, dim = names_of(maps), "octant" if name == "heading_map" else "week"
     shown, centres = _cells(maps, name, "aircraft", dim), maps[dim].to_numpy().astype(float)
     limit = _even_limit(shown)
-    affected = {one for effect in gap["effects"] for one in effect["tails"]}
+    affected = {one for effect in gap.effects for one in effect.tails}
     figure, axes = html.panels(1.25 + max(0.19 * len(tails), 1.4))
     look = Look(cmap=html.DIVERGING, vmin=-limit, vmax=limit)
     x = centres if dim == "octant" else np.arange(centres.size, dtype=float)
@@ -290,7 +287,7 @@ def _aircraft_figure(maps: xr.Dataset, gap: Entry, name: str) -> Figure:
     )
 
 
-def _phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
+def _phase_level_figure(maps: xr.Dataset, gap: GapReport, units: Units) -> Figure:
     level, bounds = maps["level"].to_numpy(), [0.0]
     for middle in level:  # the first layer begins at zero pressure
         bounds.append(2.0 * float(middle) - bounds[-1])
@@ -320,7 +317,7 @@ def _phase_level_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     )
 
 
-def _gap_map_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
+def _gap_map_figure(maps: xr.Dataset, gap: GapReport, units: Units) -> Figure:
     lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
     cells = (_cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
     u, v = (html.per_m_s(units) * part for part in cells)
@@ -347,14 +344,14 @@ def _gap_map_figure(maps: xr.Dataset, gap: Entry, units: Units) -> Figure:
     )
 
 
-def _evidence_figure(gap: Entry) -> Figure:
-    rows = pd.DataFrame(gap.get("evidence") or (), columns=["known", "name", "tempered_nats"])
-    best = rows[rows["known"].astype(bool)].groupby("name", sort=False)["tempered_nats"].max()
+def _evidence_figure(gap: GapReport) -> Figure:
+    rows = pd.DataFrame(gap.evidence)
+    best = rows[rows["known"]].groupby("name", sort=False)["tempered_nats"].max()
     best = best.dropna().sort_values(ascending=False, kind="stable")[:20]
     if best.empty:
         return html.empty_figure("No effect of the catalogue could be tested")
-    chosen = {effect["name"] for effect in gap["effects"]}
-    ambiguous = {name for effect in gap["effects"] for name in effect["ambiguous_with"]}
+    chosen = {effect.name for effect in gap.effects}
+    ambiguous = {name for effect in gap.effects for name in effect.ambiguous_with}
     figure, axes = html.panels(1.0 + 0.27 * len(best))
     colours = [
         BLUE if name in chosen else SKY if name in ambiguous else FAINT for name in best.index
@@ -373,12 +370,12 @@ def _evidence_figure(gap: Entry) -> Figure:
     )
 
 
-def _probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
+def _probability_figure(gap: GapReport, tails: Sequence[str]) -> Figure:
     found: dict[str, Floats] = {}
-    for row in gap.get("evidence") or ():
-        known = len(row["posterior"]) == len(tails) and row["scope"] == "aircraft"
-        if known and row["instead_of"] == row["name"]:
-            found.setdefault(row["name"], np.array(row["posterior"], float))
+    for row in gap.evidence:
+        known = len(row.posterior) == len(tails) and row.scope == "aircraft"
+        if known and row.instead_of == row.name:
+            found.setdefault(row.name, np.array(row.posterior, float))
     if not found:
         return html.empty_figure("No effect on single aircraft was found")
     value = np.array(list(found.values()))
@@ -397,9 +394,9 @@ def _probability_figure(gap: Entry, tails: Sequence[str]) -> Figure:
     return figure.say(f"Probability that an aircraft is affected (n = {len(tails)} aircraft).")
 
 
-def _autocorrelation_figure(gap: Entry) -> Figure:
+def _autocorrelation_figure(gap: GapReport) -> Figure:
     names = ("distance_km", "autocovariance", "autocovariance_model")
-    distance, measured, model = (np.array(gap["noise"][name], float) for name in names)
+    distance, measured, model = (np.array(getattr(gap.noise, name), float) for name in names)
     figure, axes = html.panels(3.2)
     axes.plot(distance, measured, "o", color=INK, markersize=4, label="measured", clip_on=False)
     axes.plot(distance, model, color=BLUE, label="noise model")

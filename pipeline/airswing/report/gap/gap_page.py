@@ -1,7 +1,7 @@
 """The page of a gap diagnosis, and a diagnosis that a notebook displays.
 
-Takes the content of ``gap.json`` (docs/formats.md) and the maps of ``gap.nc``. Content that a file
-of another version lacks is omitted. ± and ranges in brackets are 95 % intervals throughout.
+Takes the content of ``gap.json`` and the maps of ``gap.nc`` (docs/formats.md). ± and ranges in
+brackets are 95 % intervals throughout.
 """
 
 from __future__ import annotations
@@ -12,18 +12,19 @@ from functools import partial, wraps
 from pathlib import Path
 from typing import ParamSpec
 
+import numpy as np
 import xarray as xr
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from airswing.gap.diagnose import Diagnosis
 from airswing.gap.diagnose import diagnose as _diagnose
-from airswing.gap.result.schema import GapReport
+from airswing.gap.result.schema import EffectEntry, GapReport, PlaceEntry
 from airswing.products.whole_files import write_text
 from airswing.report import html
 from airswing.report.gap import words
 from airswing.report.gap.figures import gap_figures
-from airswing.report.gap.words import Entry, closure_text, number, p_text, plain_name
+from airswing.report.gap.words import closure_text, p_text, plain_name
 from airswing.report.html import Units, amount, interval_text, joined, number_text
 from airswing.units import NORMAL_95
 from airswing.version import __version__
@@ -34,7 +35,7 @@ _Drawn = Callable[..., list[Markup]]
 
 @html.drawing()
 def write_gap_page(
-    directory: Path, *, gap: GapReport | Entry, maps: xr.Dataset, units: Units = "kt"
+    directory: Path, *, gap: GapReport, maps: xr.Dataset, units: Units = "kt"
 ) -> Path:
     """Write the page of a gap diagnosis, ``index.html``, and its figures, ``figures/*.png``.
 
@@ -42,8 +43,8 @@ def write_gap_page(
     ----------
     directory : Path
         Folder of the page, ``gap`` in the output folder.
-    gap : GapReport or mapping
-        A diagnosis, or the content of ``gap.json``.
+    gap : GapReport
+        Content of ``gap.json``.
     maps : Dataset
         Content of ``gap.nc``.
     units : {"kt", "m/s"}, optional
@@ -59,46 +60,44 @@ def write_gap_page(
     InputError
         If the page cannot be written.
     """
-    content = words.content_of(gap)
     show = html.Figures(directory / "figures", units)
-    figures = gap_figures(content, maps, units=units)
+    figures = gap_figures(gap, maps, units=units)
 
     def drawn(*names: str) -> list[Markup]:
         return [show(name, figures[name](), dpi=120) for name in names if name in figures]
 
-    closure, factor = content["closure"], html.per_kt(units)
-    before, after = number(closure["before"]), number(closure["after"])
+    closure, factor = gap.closure, html.per_kt(units)
+    before, after = closure.before, closure.after
     interval, reduction = (
-        html.range_text(closure.get(name), factor=factor) for name in ("ci", "reduction_ci")
+        html.range_text(ends, factor=factor) for ends in (closure.ci, closure.reduction_ci)
     )
     facts = [(f"{factor * before:.2f} {units}", "disagreement of reports and simulation")]
-    if content["effects"] or content["unknown"]["where"]:
+    if gap.effects or gap.unknown.where:
         facts = [
             (words.levels_text(before, after, units=units), f"with the effects found{interval}"),
             (closure_text(closure, units=units).split(" (")[0], f"reduction{reduction}"),
         ]
-    floor = number(content["gap"].get("noise_floor_kt"))
-    if math.isfinite(floor):
+    if math.isfinite(floor := gap.gap.noise_floor_kt):
         facts.append((f"{factor * floor:.2f} {units}", "noise floor"))
-    p_value = p_text(content["gap"].get("significance")).removeprefix("= ")
+    p_value = p_text(gap.gap.significance).removeprefix("= ")
     first, last = (amount(value, factor=factor, unit=units) for value in (before, after))
     closes = (
-        f"On {'held-out' if closure.get('held_out') else 'the same'} flights the disagreement is "
+        f"On {'held-out' if closure.held_out else 'the same'} flights the disagreement is "
         f"{first} without and {last}{interval or ' (no interval from one day)'} with all effects "
         "stated."
     )
     text = html.document(
         title="airswing: gap between real and simulated reports",
         kicker="Gap between real and simulated reports",
-        headline=words.headline(content, units=units),
+        headline=words.headline(gap, units=units),
         facts=[*facts, (p_value, "p value of the gap")],
         sections=[
-            _what_section(content, drawn, units),
+            _what_section(gap, drawn, units),
             html.Section("closure", "How far the gap closes", "", [*drawn("waterfall"), closes]),
-            _where_section(content, drawn),
-            _ambiguous_section(content),
-            _claims_section(content, units),
-            _statistics_section(content, drawn, units),
+            _where_section(gap, drawn),
+            _ambiguous_section(gap),
+            _claims_section(gap, units),
+            _statistics_section(gap, drawn, units),
         ],
         footer=f"airswing {__version__}. Disagreement is the mean length of the difference between "
         "reported and simulated wind, on held-out flights. ± and ranges in brackets are 95 % "
@@ -107,18 +106,18 @@ def write_gap_page(
     return write_text(directory / "index.html", text)
 
 
-def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
-    effects, places, fleet = gap["effects"], gap["unknown"]["where"], words.fleet_of(gap)
+def _what_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Section:
+    effects, places, fleet = gap.effects, gap.unknown.where, gap.counts.aircraft
     rows = [
         {
-            "effect": plain_name(one["name"]),
+            "effect": plain_name(one.name),
             "aircraft": words.who_text(one, fleet),
             "parameters": words.parameters_text(one, units=units) or "-",
             "period": words.period_text(one) or "always",
-            "proba\u00adbility": f"{number(one['probability']):.2f}",
-            "closes": closure_text(one.get("closure"), units=units),
-            "share of the gap": f"{100 * number(one.get('share_of_gap')):.0f} %",
-            "ambiguous with": joined([plain_name(name) for name in one["ambiguous_with"]]) or "-",
+            "proba\u00adbility": f"{one.probability:.2f}",
+            "closes": closure_text(one.closure, units=units),
+            "share of the gap": f"{100 * one.share_of_gap:.0f} %",
+            "ambiguous with": joined([plain_name(name) for name in one.ambiguous_with]) or "-",
         }
         for one in effects
     ]
@@ -129,23 +128,23 @@ def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     long = ("effect", "aircraft", "parameters", "ambiguous with")
     none = "No effect of the catalogue is needed to explain these reports."
     parts = [
-        words.start_words(gap.get("known"), gap.get("simulation"), units).strip(),
+        words.start_words(gap.known, gap.simulation, units).strip(),
         html.table(rows, words=["period"], long=long, caption=caption),
         "" if effects or places else none,
         *drawn("compass_effects"),
     ]
     for k, place in enumerate(places, 1):
-        parts.append(html.paragraph(words.place_sentence(place, gap, units=units), note=True))
-        if decides := place.get("settled_by"):
+        parts.append(html.paragraph(words.place_sentence(place, fleet, units=units), note=True))
+        if decides := place.settled_by:
             parts.append(f"A measurement that would decide: {decides}.")
         parts += drawn(f"unknown_{k}")
     each = []
     for effect in effects:
-        for tail, entry in (effect.get("per_tail") or {}).items():
-            row = {"aircraft": tail, "effect": plain_name(effect["name"])}
+        for tail, entry in (effect.per_tail or {}).items():
+            row = {"aircraft": tail, "effect": plain_name(effect.name)}
             each.append(row | {"parameters": words.parameters_text(entry, units=units)})
     single = html.table(each, words=["aircraft"], long=("effect", "parameters"))
-    known = dict.fromkeys(effect["name"] for effect in effects)
+    known = dict.fromkeys(effect.name for effect in effects)
     physics = [html.described(*nature) for name in known if (nature := words.nature_of(name))]
     parts += words.caution_lines(gap, units=units)
     parts.append(html.folded("Parameters of each aircraft", single))
@@ -153,12 +152,12 @@ def _what_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
     return html.Section("what", "Effects missing from the simulation", "", parts)
 
 
-def _where_section(gap: Entry, drawn: _Drawn) -> html.Section:
-    rows = sorted(gap.get("slices") or (), key=lambda entry: -entry["share_of_gap"])
+def _where_section(gap: GapReport, drawn: _Drawn) -> html.Section:
+    rows = sorted(gap.slices, key=lambda entry: -entry.share_of_gap)
     columns = {
         "slice": map(words.slice_words, rows),
-        "share of the gap": [f"{100 * one['share_of_gap']:.1f} %" for one in rows],
-        "q value": [p_text(entry.get("q_value")).removeprefix("= ") for entry in rows],
+        "share of the gap": [f"{100 * one.share_of_gap:.1f} %" for one in rows],
+        "q value": [p_text(entry.q_value).removeprefix("= ") for entry in rows],
     }
     inner = drawn("phase_level", "map", "aircraft_time")
     parts = [
@@ -170,23 +169,23 @@ def _where_section(gap: Entry, drawn: _Drawn) -> html.Section:
     return html.Section("where", "Where the gap is", lead, parts)
 
 
-def _ambiguous_section(gap: Entry) -> html.Section:
+def _ambiguous_section(gap: GapReport) -> html.Section:
     lines = []
-    for effect in gap["effects"]:
-        if rivals := effect.get("ambiguity") or ():
-            names = joined([plain_name(rival["name"]) for rival in rivals])
-            needed = joined(list(dict.fromkeys(rival["separated_by"] for rival in rivals)))
-            name, who = words.capital(plain_name(effect["name"])), joined(effect["tails"])
+    for effect in gap.effects:
+        if rivals := effect.ambiguity:
+            names = joined([plain_name(rival.name) for rival in rivals])
+            needed = joined(list(dict.fromkeys(rival.separated_by for rival in rivals)))
+            name, who = words.capital(plain_name(effect.name)), joined(effect.tails)
             lines.append(
                 f"{name} on {who or 'all aircraft'} could also be {names}. Data that would "
                 f"decide: {needed}."
             )
     similar = [
-        f"{plain_name(pair['effect'])} and {plain_name(pair['other'])}: shared variance "
-        f"{100 * pair['alias_share']:.0f} %; decided by {pair['separated_by']}"
-        for pair in gap.get("aliases") or ()
+        f"{plain_name(pair.effect)} and {plain_name(pair.other)}: shared variance "
+        f"{100 * pair.alias_share:.0f} %; decided by {pair.separated_by}"
+        for pair in gap.aliases
     ]
-    reasons = gap.get("untestable") or {}
+    reasons = gap.untestable
     columns = {"effect": map(plain_name, reasons), "why": reasons.values()}
     parts: list[str] = [
         html.listing(lines),
@@ -199,59 +198,62 @@ def _ambiguous_section(gap: Entry) -> html.Section:
     return html.Section("ambiguous", "Ambiguous effects", "", parts)
 
 
-def _claims_section(gap: Entry, units: Units) -> html.Section:
+def _claims_section(gap: GapReport, units: Units) -> html.Section:
     section = partial(html.Section, "claims", "Consequences for the fitted deviations")
-    claims = gap.get("claims")
+    claims = gap.claims
     if not claims:
         return section()
-    if not claims.get("taken_off"):
+    if not claims.taken_off:
         text = "No effect was found, so the fitted deviations remain unchanged."
-        if gap["unknown"]["where"]:
+        if gap.unknown.where:
             text = (
                 "An unexplained error is not subtracted before the fit: the fitted deviations "
                 "remain unchanged and may contain part of it."
             )
-        elif gap["effects"]:
+        elif gap.effects:
             text = "Only compass effects were found, so the fitted deviations remain unchanged."
         return section("", [text])
-    names = joined([plain_name(name) for name in claims["taken_off"]])
+    names = joined([plain_name(name) for name in claims.taken_off])
     lead = (
-        f"After subtraction of {names}, {claims['stay']} of {claims['of']} fits keep offset and "
+        f"After subtraction of {names}, {claims.stay} of {claims.of} fits keep offset and "
         "amplitude within their 95 % intervals."
     )
     text = ""
-    if test := claims.get("field_test"):
+    if test := claims.field_test:
         shown = partial(amount, factor=html.per_kt(units), unit=units)
-        before = shown(test["reduction_kt"], test.get("reduction_ci_kt"))
-        within = f"{'within' if test['stays'] else 'outside'} its interval"
+        before = shown(test.reduction_kt, test.reduction_ci_kt)
+        within = f"{'within' if test.stays else 'outside'} its interval"
         text = f"Field test: the adjusted reduction of {before} becomes "
-        text += f"{shown(test['reduction_kt_after'])}, {within}."
-    rows = claims.get("aircraft") or ()
-    columns = {"aircraft": [entry["aircraft"] for entry in rows]}
+        text += f"{shown(test.reduction_kt_after)}, {within}."
+    rows = claims.aircraft
+    columns = {"aircraft": [entry.aircraft for entry in rows]}
     for name in ("offset", "amplitude"):
-        key = f"{name}_deg"
-        sizes = [(number(one[key]), number(one[f"{key}_standard_error"])) for one in rows]
-        columns[f"{name} (°)"] = [interval_text(x, NORMAL_95 * error) for x, error in sizes]
-        columns[f"{name} afterwards"] = [one[f"{key}_after"] for one in rows]
+        value, error, after = (
+            [getattr(one, f"{name}_deg{ending}") for one in rows]
+            for ending in ("", "_standard_error", "_after")
+        )
+        halves = NORMAL_95 * np.array(error)
+        columns[f"{name} (°)"] = list(map(interval_text, value, halves))
+        columns[f"{name} afterwards"] = after
     answers = {True: "yes", False: "no", None: "not tested"}
-    columns["within the interval"] = [answers[entry["stays"]] for entry in rows]
+    columns["within the interval"] = [answers[entry.stays] for entry in rows]
     caption = f"Fits before and after the subtraction (n = {len(rows)})."
-    doubt = [entry["stays"] is not True for entry in rows]
+    doubt = [entry.stays is not True for entry in rows]
     inner = html.table(columns, words=["aircraft"], caption=caption, doubt=doubt)
     return section(lead, [text, html.folded("Each aircraft", inner)])
 
 
-def _statistics_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section:
-    tested = gap.get("assumptions") or ()
-    held = [bool(one["ok"]) for one in tested]
+def _statistics_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Section:
+    held = [one.ok for one in gap.assumptions]
     lead = f"{sum(held)} of {len(held)} tested assumptions hold." if held else ""
-    titles, answers = (
-        {"assumption": "assumption", "check": "test", "result": "result"},
-        ("no", "yes"),
-    )
     checked = [
-        {title: one[name] for name, title in titles.items()} | {"holds": answers[one["ok"]]}
-        for one in tested
+        {
+            "assumption": one.assumption,
+            "test": one.check,
+            "result": one.result,
+            "holds": "yes" if one.ok else "no",
+        }
+        for one in gap.assumptions
     ]
     caption = (
         "Assumptions with their tests on these reports. One that does not hold (grey italics) "
@@ -260,33 +262,32 @@ def _statistics_section(gap: Entry, drawn: _Drawn, units: Units) -> html.Section
     long, doubt = ("assumption", "test", "result"), [not ok for ok in held]
     assumptions = html.table(checked, long=long, caption=caption, doubt=doubt)
     rows, placebo, factor = [], "", html.per_m_s(units)
-    if pair := gap.get("calibration"):
-        crps = number_text(pair["after"].get("crps_expected_m_s"), factor=factor)
+    if pair := gap.calibration:
+        crps = number_text(pair.after.crps_expected_m_s, factor=factor)
         for key, label, scale, right in (
             ("spread", "spread over predicted spread", 1.0, "1"),
             ("crps_m_s", f"CRPS ({units})", factor, crps),
             ("lag_one", "correlation of neighbours on a flight", 1.0, "0"),
             ("auc", "area under the ROC curve of a classifier", 1.0, "0.5"),
         ):
-            without, given = (scale * number(pair[when].get(key)) for when in ("before", "after"))
+            without, given = (scale * getattr(one, key) for one in (pair.before, pair.after))
             row = {"": label, "without the effects": without, "with the effects": given}
             rows.append(row | {"if right": right})
-    if drawn_at_random := gap.get("decoy"):
-        ends, kt = drawn_at_random.get("reduction_ci_kt"), html.per_kt(units)
-        closes = amount(drawn_at_random["reduction_kt"], ends, factor=kt, unit=units)
+    if drawn_at_random := gap.decoy:
+        ends, kt = drawn_at_random.reduction_ci_kt, html.per_kt(units)
+        closes = amount(drawn_at_random.reduction_kt, ends, factor=kt, unit=units)
         placebo = (
             f"Placebo: effects with the same columns but random dates and aircraft close {closes} "
-            f"({drawn_at_random['draws']} draws)."
+            f"({drawn_at_random.draws} draws)."
         )
-    fitted: dict[str, object] = {}
-    if noise := gap.get("noise"):
-        fitted = {
-            f"correlated part ({units})": factor * noise["correlated_sd_m_s"],
-            f"white part ({units})": factor * noise["white_sd_m_s"],
-            "correlation length (km)": number_text(noise["length_km"], digits=0),
-            "factor across the heading": noise.get("across_heading"),
-            "factor along the heading": noise.get("along_heading"),
-        }
+    noise = gap.noise
+    fitted = {
+        f"correlated part ({units})": factor * noise.correlated_sd_m_s,
+        f"white part ({units})": factor * noise.white_sd_m_s,
+        "correlation length (km)": number_text(noise.length_km, digits=0),
+        "factor across the heading": noise.across_heading,
+        "factor along the heading": noise.along_heading,
+    }
     model = html.table({"noise model": fitted, "fitted": fitted.values()}, words=["noise model"])
     calibration = html.table(rows, words=[""]), placebo, *drawn("pit")
     parts = [
@@ -308,16 +309,17 @@ class ShownDiagnosis(Diagnosis):
             return {name: draw() for name, draw in gap_figures(self.report, self.dataset).items()}
 
     def _repr_html_(self) -> str:
-        gap = words.content_of(self.report)
-        found = [*gap["effects"], *gap["unknown"]["where"]]
-        rows = []
+        gap, rows = self.report, []
+        found: list[EffectEntry | PlaceEntry] = [*gap.effects, *gap.unknown.where]
         for one in found:
-            name = plain_name(
-                one.get("name") or f"unexplained, by {' and '.join(one['variables'])}"
-            )
-            row = {"effect": name, "aircraft": words.who_text(one, words.fleet_of(gap))}
-            row["probability"] = one["probability"]
-            rows.append(row | {"closes": closure_text(one.get("closure"))})
+            name = f"unexplained, by {' and '.join(getattr(one, 'variables', ()))}"
+            row = {
+                "effect": plain_name(getattr(one, "name", name)),
+                "aircraft": words.who_text(one, gap.counts.aircraft),
+                "probability": one.probability,
+                "closes": closure_text(one.closure),
+            }
+            rows.append(row)
         return str(html.paragraph(words.headline(gap)) + html.table(rows))
 
 

@@ -1,30 +1,34 @@
 """A gap diagnosis in words: headline, effects, parameters, aircraft, dates, slices.
 
-Takes the content of ``gap.json`` (docs/formats.md): disagreement in knots, shares in 0 to 1,
-parameter names that end in their unit, NaN or null for an unknown number. ± is half the 95 %
-interval.
+Disagreement in knots, shares in 0 to 1, parameter names that end in their unit, NaN or None for an
+unknown number. ± is half the 95 % interval.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.result.schema import (
+    ClosesEntry,
+    ClosureEntry,
+    EffectEntry,
+    GapReport,
+    KnownEntry,
+    PlaceEntry,
+    SimulationEntry,
+    SliceEntry,
+    TailEntry,
+)
 from airswing.physics.triangle import wrap_degrees
 from airswing.report import html
 from airswing.report.html import Units, joined, plural
 from airswing.units import NORMAL_95
 
-if TYPE_CHECKING:
-    from airswing.gap.result.schema import GapReport
-
-#: An object of ``gap.json``.
-Entry = Mapping[str, Any]
 #: Symbol of the unit a parameter's name ends in.
 _ENDINGS = {
     "_deg_per_day": "°/day",
@@ -53,16 +57,6 @@ _COMPONENTS = {
     "wind_angle": "wind direction",
     "wind_factor": "factor of the wind speed",
 }
-
-
-def content_of(gap: GapReport | Entry) -> Entry:
-    """Return the content of ``gap.json`` from a diagnosis or from the file's content."""
-    return gap if isinstance(gap, Mapping) else gap.content()
-
-
-def fleet_of(gap: Entry) -> int:
-    """Return the number of aircraft diagnosed, 0 where it is not known."""
-    return int((gap.get("counts") or {}).get("aircraft") or 0)
 
 
 def number(value: float | None) -> float:
@@ -106,16 +100,18 @@ def nature_of(name: str) -> tuple[str, str, list[str]] | None:
     return title, effect.physics, [f"Source: {effect.source}", confused]
 
 
-def parameters_text(effect: Entry, *, units: Units = "kt", brief: bool = False) -> str:
+def parameters_text(
+    effect: EffectEntry | TailEntry, *, units: Units = "kt", brief: bool = False
+) -> str:
     """Return all parameters of an effect in one line; `brief` omits the conditions (``at_...``).
 
     If the values of single aircraft differ by more than their errors, their range replaces the
     median; phases, which have no range, are then omitted.
     """
-    errors = effect.get("standard_errors") or {}
-    each = [entry["parameters"] for entry in (effect.get("per_tail") or {}).values()]
+    errors = effect.standard_errors or {}
+    each = [entry.parameters for entry in (getattr(effect, "per_tail", None) or {}).values()]
     parts = []
-    for name, value in (effect.get("parameters") or {}).items():
+    for name, value in effect.parameters.items():
         # a list: the two aircraft of an exchange
         if value is None or isinstance(value, list | tuple) or (brief and name.startswith("at_")):
             continue
@@ -151,20 +147,20 @@ def _parameter_text(
     return f"{label} {shown:z.{digits}f} ± {half:.{digits}f}{unit}"
 
 
-def period_text(effect: Entry) -> str:
+def period_text(effect: EffectEntry) -> str:
     """Return the dates between which an effect acts; empty if always."""
-    first, last = ((day or "")[:10] for day in effect.get("period") or (None, None))
+    first, last = ((day or "")[:10] for day in effect.period or (None, None))
     if first and last:
         return f"from {first} to {last}"
     return f"until {last}" if last else f"from {first}" if first else ""
 
 
-def who_text(effect: Entry, aircraft: int = 0, *, brief: bool = False) -> str:
+def who_text(effect: EffectEntry | PlaceEntry, aircraft: int = 0, *, brief: bool = False) -> str:
     """Return the aircraft that an effect acts on; `brief` gives the number of more than two."""
-    names = effect.get("tails") or []
-    if effect.get("scope") == "reference" or str(effect.get("name")).startswith("reference_"):
-        return f"the reference {effect.get('reference') or ''}".strip()
-    if not names or effect.get("scope") == "fleet":
+    names, name = effect.tails, getattr(effect, "name", "")
+    if effect.scope == "reference" or name.startswith("reference_"):
+        return f"the reference {getattr(effect, 'reference', None) or ''}".strip()
+    if not names or effect.scope == "fleet":
         return "all aircraft"
     if len(names) == aircraft > 2:
         return f"all {aircraft} aircraft"
@@ -173,12 +169,12 @@ def who_text(effect: Entry, aircraft: int = 0, *, brief: bool = False) -> str:
     return joined(names)
 
 
-def closure_text(entry: Entry | None, *, units: Units = "kt") -> str:
+def closure_text(entry: ClosesEntry | ClosureEntry | None, *, units: Units = "kt") -> str:
     """Return a reduction with its 95 % interval: ``1.20 kt (1.05 to 1.34)``."""
     if not entry:
         return "-"
-    ends, factor = entry.get("reduction_ci"), html.per_kt(units)
-    return html.amount(entry["reduction"], ends, factor=factor, unit=units)
+    ends, factor = entry.reduction_ci, html.per_kt(units)
+    return html.amount(entry.reduction, ends, factor=factor, unit=units)
 
 
 def levels_text(before: float, after: float, *, units: Units = "kt") -> str:
@@ -189,117 +185,121 @@ def levels_text(before: float, after: float, *, units: Units = "kt") -> str:
     return f"{factor * before:.{digits}f} → {factor * after:.{digits}f} {units}"
 
 
-def headline(gap: Entry, *, units: Units = "kt") -> str:
+def headline(gap: GapReport, *, units: Units = "kt") -> str:
     """Return the result of a diagnosis in at most 25 words, with its closure."""
-    effects, places = gap["effects"], (gap.get("unknown") or {}).get("where") or []
-    closure, fleet = gap["closure"], fleet_of(gap)
+    effects, places, closure = gap.effects, gap.unknown.where, gap.closure
+    fleet = gap.counts.aircraft
     if not effects and not places:
-        level = f"{html.per_kt(units) * number(closure['before']):.1f} {units}"
-        if (gap.get("counts") or {}).get("days") == 1:
+        level = f"{html.per_kt(units) * closure.before:.1f} {units}"
+        if gap.counts.days == 1:
             return f"One day of reports is too short to decide what explains the gap of {level}."
         return (
             f"No missing effect found: noise of reports and reference explains the gap of {level}."
         )
     claims = []
     for effect in effects:
-        name, who = plain_name(effect["name"]), who_text(effect, fleet, brief=True)
+        name, who = plain_name(effect.name), who_text(effect, fleet, brief=True)
         claims.append(name if name.startswith("reference") else f"{name} on {who}")
     for place in places:
         text = _unexplained(place)
-        text = text if place["component"] == "scatter" else f"an {text}"
+        text = text if place.component == "scatter" else f"an {text}"
         claims.append(text if effects else f"{text} on {who_text(place, fleet, brief=True)}")
     ending = "" if len(claims) > 1 else "s"
     if len(claims) > 2:
         claims = [claims[0], f"{len(claims) - 1} more effects"]
     verb = f"account{ending} for" if places else f"explain{ending}"
-    share = number(closure.get("fraction_of_excess"))
+    share = number(closure.fraction_of_excess)
     of = f"{100 * share:.0f} % of the gap" if share < 0.95 else "the gap"
-    levels = levels_text(number(closure["before"]), number(closure["after"]), units=units)
+    levels = levels_text(closure.before, closure.after, units=units)
     return f"{capital(joined(claims))} {verb} {of}: {levels}."
 
 
-def _unexplained(place: Entry) -> str:
+def _unexplained(place: PlaceEntry) -> str:
     """Return ``unexplained error by temperature``, or ``unexplained scatter``."""
-    variables = " and ".join(place.get("variables") or [place["variable"]]).replace("_", " ")
-    if place["component"] != "scatter":
+    variables = " and ".join(place.variables).replace("_", " ")
+    if place.component != "scatter":
         return f"unexplained error by {variables}"
     return "unexplained scatter" + (f" by {variables}" if variables != "scatter" else "")
 
 
 def start_words(
-    known: Sequence[Entry] | None, simulation: Entry | None = None, units: Units = "kt"
+    known: Sequence[KnownEntry] | None,
+    simulation: SimulationEntry | None = None,
+    units: Units = "kt",
 ) -> str:
     """Return a description of the simulation in a diagnosis; empty for a perfect instrument."""
     text = ""
     if simulation:
-        text = f"Compared with the simulation in {simulation['source']}"
-        if simulation.get("matched_by") == "distribution":
+        text = f"Compared with the simulation in {simulation.source}"
+        if simulation.matched_by == "distribution":
             text += ", which flew other paths: distributions were compared. "
         else:
-            text += f" ({simulation['matched']:,} of {simulation['of']:,} reports matched). "
+            text += f" ({simulation.matched:,} of {simulation.of:,} reports matched). "
     for one in known or ():
-        ends = (one[f"disagreement_{which}_kt"] for which in ("without", "with"))
+        ends = one.disagreement_without_kt, one.disagreement_with_kt
         text += (
-            f"The simulation contains {plural(len(one['effects']), 'known effect')} of "
-            f"{one['source']} ({levels_text(*map(number, ends), units=units)}). "
+            f"The simulation contains {plural(len(one.effects), 'known effect')} of "
+            f"{one.source} ({levels_text(*ends, units=units)}). "
         )
     return text
 
 
-def verdict(gap: GapReport | Entry, *, units: Units = "kt") -> str:
+def verdict(gap: GapReport, *, units: Units = "kt") -> str:
     """Return the result of a diagnosis as text: headline, then a line for every finding."""
-    gap = content_of(gap)
-    start = start_words(gap.get("known"), gap.get("simulation"), units)
-    lines = [effect_sentence(effect, gap, units=units) for effect in gap["effects"]]
-    lines += [place_sentence(place, gap, units=units) for place in gap["unknown"]["where"]]
+    start = start_words(gap.known, gap.simulation, units)
+    fleet = gap.counts.aircraft
+    lines = [effect_sentence(effect, fleet, units=units) for effect in gap.effects]
+    lines += [place_sentence(place, fleet, units=units) for place in gap.unknown.where]
     lines += caution_lines(gap, units=units)
     return "\n  ".join([start + headline(gap, units=units), *lines])
 
 
-def effect_sentence(effect: Entry, gap: Entry, *, units: Units = "kt") -> str:
+def effect_sentence(effect: EffectEntry, fleet: int, *, units: Units = "kt") -> str:
     """Return an effect with aircraft, parameters, period, probability and closure."""
     details = [
         parameters_text(effect, units=units, brief=True),
         period_text(effect),
-        f"probability {number(effect['probability']):.2f}",
+        f"probability {effect.probability:.2f}",
     ]
-    if effect.get("closure"):
-        details.append(f"closes {closure_text(effect['closure'], units=units)}")
-    elif number(effect.get("share_of_gap")) >= 0.005:
-        details.append(f"explains {100 * number(effect['share_of_gap']):.0f} % of the gap")
-    text = f"{plain_name(effect['name'])} on {who_text(effect, fleet_of(gap))}"
+    if effect.closure:
+        details.append(f"closes {closure_text(effect.closure, units=units)}")
+    elif effect.share_of_gap >= 0.005:
+        details.append(f"explains {100 * effect.share_of_gap:.0f} % of the gap")
+    text = f"{plain_name(effect.name)} on {who_text(effect, fleet)}"
     return f"{capital(text)}: {', '.join(part for part in details if part)}."
 
 
-def place_sentence(place: Entry, gap: Entry, *, units: Units = "kt") -> str:
+def place_sentence(place: PlaceEntry, fleet: int, *, units: Units = "kt") -> str:
     """Return an unexplained error: variable, component, shape, aircraft, closure, nearest name."""
     text = _unexplained(place)
-    if place["component"] != "scatter":
-        text += f", {_component(place['component'])},"
-    text = f"{capital(text)} on {who_text(place, fleet_of(gap))}"
-    details = [place["title"]] if place.get("title") else []
-    if place.get("closure"):
-        details.append(f"closes {closure_text(place['closure'], units=units)}")
-    if steps := place.get("steps"):
-        top = html.per_kt(units) * number(steps["up_to_kt"])
-        details.append(f"directions in steps of {steps['step_deg']:g}° up to {top:.0f} {units}")
-    if place.get("nearest_effect"):
-        share = 100 * number(place.get("nearest_effect_share"))
-        nearest = plain_name(place["nearest_effect"])
+    if place.component != "scatter":
+        text += f", {_component(place.component)},"
+    text = f"{capital(text)} on {who_text(place, fleet)}"
+    details = [place.title] if place.title else []
+    if place.closure:
+        details.append(f"closes {closure_text(place.closure, units=units)}")
+    if steps := place.steps:
+        top = html.per_kt(units) * steps.up_to_kt
+        details.append(f"directions in steps of {steps.step_deg:g}° up to {top:.0f} {units}")
+    if place.nearest_effect:
+        share = 100 * number(place.nearest_effect_share)
+        nearest = plain_name(place.nearest_effect)
         details.append(f"closest catalogue effect: {nearest} ({share:.0f} % of the evidence)")
     return f"{text}{': ' if details else ''}{'; '.join(details)}."
 
 
-def caution_lines(gap: Entry, *, units: Units = "kt") -> list[str]:
+def caution_lines(gap: GapReport, *, units: Units = "kt") -> list[str]:
     """Return sentences on unconfirmed effects, and on those that could remain undetected."""
     lines = []
-    for one in gap.get("unconfirmed") or ():
-        if number(one["probability"]) >= 0.5:
-            # Rounded down, because 0.9 counts as found.
-            chance = math.floor(100 * number(one["probability"])) / 100
-            lines.append(f"Likely but not confirmed: {plain_name(one['name'])} ({chance:.2f}).")
-    hidden = html.per_kt(units) * number(gap["closure"].get("could_hide_kt"))
-    if np.isfinite(hidden) and not gap["effects"] and not gap["unknown"]["where"]:
+    for one in gap.unconfirmed:
+        # Rounded down, because 0.9 counts as found.
+        chance = math.floor(100 * float(str(one["probability"]))) / 100
+        if chance >= 0.5:
+            lines.append(
+                f"Likely but not confirmed: {plain_name(str(one['name']))} ({chance:.2f})."
+            )
+    hidden = html.per_kt(units) * number(gap.closure.could_hide_kt)
+    if np.isfinite(hidden) and not gap.effects and not gap.unknown.where:
         lines.append(
             f"An error outside the catalogue could close up to {hidden:.2g} {units} without being "
             "detected; errors of the model common to all aircraft on all days count as weather and "
@@ -308,11 +308,11 @@ def caution_lines(gap: Entry, *, units: Units = "kt") -> list[str]:
     return lines
 
 
-def slice_words(entry: Entry) -> str:
+def slice_words(entry: SliceEntry) -> str:
     """Return a slice of the archive: variable and component, and the name of an aircraft.
 
     A variable is tested over all its values, so no value is named.
     """
-    component = _component(entry.get("component", ""))
-    text = entry["variable"].replace("_", " ") + (f", {component}" if component else "")
-    return f"{text}: {joined(entry['values'])}" if entry["variable"] == "aircraft" else text
+    component = _component(entry.component)
+    text = entry.variable.replace("_", " ") + (f", {component}" if component else "")
+    return f"{text}: {joined(entry.values)}" if entry.variable == "aircraft" else text
