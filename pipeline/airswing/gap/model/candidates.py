@@ -274,26 +274,32 @@ class Candidates:
             build = partial(self._effect_columns, effect)
             columns = build(self.context)
             where = self._block(build, columns)
-            forms = effect.alternatives or (tuple(range(columns.shape[2])),)
+            every = tuple(range(columns.shape[2]))
+            forms = [(form, False) for form in effect.alternatives or (every,)]
             if effect.kind == "step":
-                forms = ((0,), (1, 2), (0, 1, 2))
-            scopes = "f" if effect.scope in ("reference", "fleet") else "af"
-            part = "heading" if isinstance(effect, HeadingEffect) else "airspeed"
-            part = part if effect.stage == "sensor" else "wind"
+                forms = [((0,), True), ((1, 2), True), ((0, 1, 2), True)]
+            elif effect.kind == "drift":
+                forms.append((every, True))
             curved = self.curvature(effect.name, self.context)
             if curved is not None:
                 self.curved[effect.name] = curved
-            for form in forms:
-                # the ordinary form is as likely as all others together
-                others = 1 if len(forms) == 1 else 2 * max(1, (len(forms) - 1) * (form != forms[0]))
-                weight = -float(np.log(2 * len(usable) * others))
-                tied = np.eye(1) if len(form) == 1 else effect.tied(form)
-                known = tuple(form), effect.reliability if curved is None else 1.0, part
-                group = Group(effect.name, "name", where, tied, scopes, weight, *known)
-                group = replace(group, dated=effect.kind == "step")
+            part = "heading" if isinstance(effect, HeadingEffect) else "airspeed"
+            # the ordinary form is as likely as all others together
+            shares = [0.5] + [0.5 / (len(forms) - 1)] * (len(forms) - 1) if forms[1:] else [1.0]
+            for (form, dated), share in zip(forms, shares, strict=True):
+                group = Group(
+                    effect.name,
+                    "name",
+                    where,
+                    np.eye(1) if len(form) == 1 else effect.tied(form),
+                    scopes="f" if effect.scope in ("reference", "fleet") else "af",
+                    prior=float(np.log(share / (2 * len(usable)))),
+                    form=tuple(form),
+                    reliability=effect.reliability if curved is None else 1.0,
+                    part=part if effect.stage == "sensor" else "wind",
+                    dated=dated,
+                )
                 self._group(columns, group, form)
-                if effect.kind == "drift" and len(form) == columns.shape[2]:
-                    self._group(columns, replace(group, dated=True), form)
 
     def _effect_columns(self, effect: Effect, at: Frame) -> Singles:
         raw = effect.softened_columns(at)

@@ -9,6 +9,7 @@ Source: Mitchell and Beauchamp (1988), J. Am. Stat. Assoc. 83, 1023-1032 (spike 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -48,7 +49,8 @@ class Found:
     tails: tuple[int, ...]  # aircraft affected with the probability `INCLUDED` and more
     inclusion: Floats  # (A,): posterior probability of each
     spread: float = 0.0  # `SPREAD` where the affected share a mean, otherwise 0
-    # of a dated candidate: first day of each affected aircraft; prior precision for s = 1, (m, m)
+    # of a dated candidate: first stretch of days of each affected aircraft; prior precision for
+    # s = 1, (m, m)
     start: Mapping[int, int] = field(default_factory=dict)
     shape: Floats | None = None
 
@@ -247,25 +249,10 @@ def dated_evidence(model: Model, group: Group, kappa: float, least: float) -> tu
     """
     sums, t = model.sums, group.transform
     by_day, _ = sums.information(group)
-    width = model.hessian.shape[0]
-    cross = np.zeros((sums.A, sums.D, width, group.size))
-    every = [model.base, *model.terms]
-    made = [model.columns(term) for term in every]
-    t32 = t.astype(np.float32)
-    for a, d, span in sums.cells:
-        values = sums.rows[span, group.columns] @ t32
-        first = sums.rows_of(a).start
-        for start, one in zip(model.offsets, made, strict=False):
-            if a in one.rows:
-                at, rows = one.rows[a]
-                cross[a, d, start + at] += rows[span.start - first : span.stop - first].T @ values
-    shared = np.einsum("adqk,km->adqm", sums.shared[..., group.columns], t, optimize=True)
-    cross -= np.einsum("dqi,adqm->adim", model.term_shared, shared, optimize=True)
-
-    known = np.einsum("ij,adjm->adim", model.inverse_root, _after(cross), optimize=True)
     information = _after(by_day)
     shape = _shape(information)
-    information = information - np.einsum("adim,adin->admn", known, known, optimize=True)
+    for a in range(sums.A):
+        information[a] -= _explained_after(model, group, a)
     score = _after(model.day_score[:, :, group.columns] @ t)
     flown = sums.flown
     before = np.cumsum(flown, axis=1) - flown
@@ -283,8 +270,23 @@ def dated_evidence(model: Model, group: Group, kappa: float, least: float) -> tu
     return ranked, _dated(statistics, score, information, shape, able, factor)
 
 
+def _explained_after(model: Model, group: Group, aircraft: int) -> Floats:
+    """W'W of the terms' module for columns in force from each stretch of days on, (T, m, m)."""
+    sums, part = model.sums, model.parts[aircraft]
+    span = sums.rows_of(aircraft)
+    cuts = sums.cuts[aircraft * sums.D + np.r_[sums.first_day, sums.D]] - span.start
+    values = sums.rows[span, group.columns] @ group.transform.astype(np.float32)
+    cross = np.stack(
+        [part.rows[i:j].T @ values[i:j] for i, j in itertools.pairwise(cuts)], dtype=np.float64
+    )
+    shared = sums.shared[aircraft][..., group.columns] @ group.transform
+    cross -= sums.by_stretch(np.swapaxes(model.term_shared[..., part.at], 1, 2) @ shared, 0)
+    known = part.root @ _after(cross[None])[0]
+    return np.asarray(np.swapaxes(known, 1, 2) @ known)
+
+
 def _after(x: Floats) -> Floats:
-    """Sums over each day and all after it, (A, D, ...)."""
+    """Sums over each stretch of days and all after it, (A, T, ...)."""
     return np.cumsum(x[:, ::-1], axis=1)[:, ::-1]
 
 
@@ -433,7 +435,7 @@ def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | No
     exchange has no parameter but pair and date.
     """
     sums, t = model.sums, group.transform
-    if sums.A < 2 or sums.D <= 2 * SIDES:
+    if sums.A < 2 or sums.T <= 2 * SIDES:
         return None
     by_day, _ = sums.information(group)
     information = by_day / kappa
@@ -465,10 +467,10 @@ def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | No
     gain[:, :, :SIDES], gain[:, :, -SIDES:] = -np.inf, -np.inf
     gain[np.arange(sums.A), np.arange(sums.A)] = -np.inf
     i, j, d = (int(k) for k in np.unravel_index(gain.argmax(), gain.shape))
-    looked_at = np.log(sums.A * (sums.A - 1) / 2 * sums.D)
+    looked_at = np.log(sums.A * (sums.A - 1) / 2 * sums.T)
     return Exchange(
         (min(i, j), max(i, j)),
-        d,
+        int(sums.first_day[d]),
         float(gain[i, j, d]) - looked_at,
         float(change[i, d] + change[j, d]) - looked_at,
     )

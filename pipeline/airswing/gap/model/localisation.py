@@ -46,9 +46,9 @@ def cross_fitted(information: Floats, by_day: Floats, half: Booleans) -> float:
 def slices(model: Model) -> list[SliceEntry]:
     """All slices of an archive given the climatology alone, largest share of the gap first."""
     sums = model.sums
-    half = fold_of_day(sums.D) % 2 == 0
+    half = fold_of_day(sums.D)[sums.first_day] % 2 == 0
     if half.all() or not half.any():
-        half = np.arange(sums.D) % 2 == 0
+        half = np.arange(sums.T) % 2 == 0
     rows: list[SliceEntry] = []
     for group in (g for g in sums.candidates.groups if g.kind == "table" and g.form == (0,)):
         found = model.statistics(group)

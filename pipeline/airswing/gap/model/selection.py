@@ -18,7 +18,14 @@ from airswing.gap.arrays import Floats
 from airswing.gap.model.candidates import Group, Table
 from airswing.gap.model.evidence import SMALL, dated_evidence, static_evidence
 from airswing.gap.model.sums import GATE
-from airswing.gap.model.terms import Model, Statistics, Term, describe, set_prior
+from airswing.gap.model.terms import (
+    Model,
+    Statistics,
+    Term,
+    describe,
+    log_evidence,
+    set_prior,
+)
 
 LOG = logging.getLogger(__name__)
 #: Share of a table's log evidence that a name must hold: a deviation of 5 degrees turns the heading
@@ -55,12 +62,18 @@ def screen(model: Model) -> list[Term]:
     # of tables and names that act always: the factor of a usual candidate
     usual = [float(np.median(s.factor)) for g, s in statistics if not g.dated]
     model.kappa = max(1.0, float(np.median(usual))) if usual else 1.0
+    return _ranked(model, statistics)
+
+
+def _ranked(model: Model, statistics: Sequence[tuple[Group, Statistics]]) -> list[Term]:
+    """Candidates of these statistics, best first."""
     out: list[Term] = []
     for group, found in statistics:
         if group.dated:
             ranked, gated = dated_evidence(model, group, model.kappa, GATE - group.prior)
             scores = ranked.evidence + group.prior, gated.evidence + group.prior
-            what = gated.scale, gated.start, *scores, gated.inclusion
+            start = {a: int(model.sums.first_day[k]) for a, k in gated.start.items()}
+            what = gated.scale, start, *scores, gated.inclusion
             if gated.tails:
                 out.append(Term(group, "a", gated.tails, *what, shape=gated.shape))
             continue
@@ -137,11 +150,9 @@ def _static(group: Group, found: Statistics, kappa: float, factor: float, days: 
     return out
 
 
-def contest(
-    model: Model, terms: Sequence[Term], ranked: Sequence[Term], gate: float = GATE
-) -> list[Term]:
+def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list[Term]:
     """Best candidates by exact marginal likelihood together with the terms, best first."""
-    able = [term for term in ranked if term.gate > gate]
+    able = [term for term in ranked if term.gate > GATE]
     if not able:
         return []
     short: list[Term] = []
@@ -167,7 +178,7 @@ def contest(
         ]
         fitting = max(forms, key=lambda t: t.score)
         scored = [fitting if t is named else t for t in scored]
-    scored = [term for term in scored if term.score > gate]
+    scored = [term for term in scored if term.score > GATE]
     scored.sort(key=lambda term: -term.score)
     while scored and not scored[0].group.named and _is_usual(model, terms, scored[0]):
         scored.pop(0)
@@ -180,15 +191,14 @@ def contest(
         names = [
             t
             for t in scored
-            if t.group.named
-            and not any(t.score < s.score and s.freedom <= t.freedom for s in tables)
+            if t.group.named and not any(t.score < s.score and _as_simple(s, t) for s in tables)
         ]
         represented = [t for t in names if t.score > REPRESENTS * best.score]
         if represented:
             best = represented[0]
         elif names:
             best = _named_together(model, terms, best, names) or best
-    best = _without_idle(model, terms, best)
+    best = _to_the_day(model, terms, _without_idle(model, terms, best))
     others = [t for t in scored if t.label != best.label]
     rivals = tuple((best.score - t.score, t.group.name, t.scope) for t in others)
     return [replace(best, rivals=rivals, weight=_weight(best, others)), *others]
@@ -214,14 +224,14 @@ def _named_together(
 ) -> Term | None:
     """First of several names that leave a table nothing to explain; None where there are none."""
     chosen: list[Term] = []
-    kappa, freedom, total, found = model.kappa, 0, 0.0, None
+    names = [group for group in model.sums.candidates.groups if group.named]
+    freedom, total, found = 0, 0.0, None
     for _ in range(TOGETHER):
         given = [*terms, *chosen]
         if chosen:
             model.condition(given)
-            named = [t for t in screen(model) if t.group.named and t.gate > GATE][:TABLES]
-            # scores are compared with those of the table
-            model.kappa = kappa
+            ranked = _ranked(model, [(group, model.statistics(group)) for group in names])
+            named = [t for t in ranked if t.gate > GATE][:TABLES]
         options = [_exactly(model, given, term) for term in named]
         best = max(options, key=lambda t: t.score, default=None)
         if best is None or best.score <= GATE:
@@ -240,6 +250,12 @@ def _named_together(
     return found
 
 
+def _as_simple(one: Term, other: Term) -> bool:
+    """Whether a term has no more coefficients than another, in all or for each aircraft."""
+    alike = one.scope == other.scope and one.group.size <= other.group.size
+    return alike or one.freedom <= other.freedom
+
+
 def _exactly(model: Model, terms: Sequence[Term], term: Term) -> Term:
     """A term with its exact evidence given others and its log prior as score."""
     gain = model.evidence([*terms, term], model.kappa) - model.evidence(terms, model.kappa)
@@ -255,7 +271,7 @@ def _weight(best: Term, others: Sequence[Term]) -> float:
         best.score - t.score
         for t in others
         if t.group.name != best.group.name
-        and (t.group.named or (best.group.named and t.freedom <= best.freedom))
+        and (t.group.named or (best.group.named and _as_simple(t, best)))
     ]
     return float(1 / (1 + np.exp(-np.array(apart)).sum()))
 
@@ -268,18 +284,39 @@ def _without_idle(model: Model, terms: Sequence[Term], term: Term) -> Term:
     """
     if term.scope != "a":
         return term
-    for _ in term.tails:
-        if len(term.tails) < 2:
-            return term
-        options = []
-        for a in term.tails:
-            left = tuple(b for b in term.tails if b != a)
-            start = {b: day for b, day in term.start.items() if b != a}
-            options.append(_exactly(model, terms, replace(term, tails=left, start=start)))
-        best = max(options, key=lambda one: one.score)
-        if best.score <= term.score:
-            return term
-        term = best
+    gram, score, _ = model.system([*terms, term])
+    others = score.size - term.group.size * len(term.tails)
+    columns = np.arange(others, score.size).reshape(len(term.tails), -1)
+    nothing = model.evidence(terms, model.kappa)
+
+    def with_tails(tails: Sequence[int]) -> Term:
+        start = {a: term.start[a] for a in tails if a in term.start}
+        one = replace(term, tails=tuple(tails), start=start)
+        kept = np.r_[:others, columns[np.isin(term.tails, tails)].ravel()]
+        precision = model.precision([*terms, one])
+        evidence = log_evidence(gram[np.ix_(kept, kept)], score[kept], precision, model.kappa)
+        return one.with_score(evidence - nothing + term.group.prior + set_prior(model, one))
+
+    best = term
+    while len(best.tails) > 1:
+        options = [with_tails([b for b in best.tails if b != a]) for a in best.tails]
+        other = max(options, key=lambda one: one.score)
+        if other.score <= best.score:
+            break
+        best = other
+    return best
+
+
+def _to_the_day(model: Model, terms: Sequence[Term], term: Term) -> Term:
+    """A term that begins with stretches of days, beginning on the days of largest evidence."""
+    length = int(np.diff(model.sums.first_day).max(initial=1))
+    for begin in sorted(set(term.start.values())) if length > 1 else ():
+        options = [term]
+        for day in range(max(1, begin - length + 1), min(begin + length, model.sums.D)):
+            start = {a: day if first == begin else first for a, first in term.start.items()}
+            options.append(_exactly(model, terms, replace(term, start=start)))
+        term = max(options, key=lambda one: one.score)
+        model.release([*model.terms, *terms, term])
     return term
 
 

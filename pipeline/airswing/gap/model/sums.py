@@ -22,6 +22,9 @@ from airswing.units import DAY
 
 #: Columns for which memory is set aside at a time beyond those of the first call (finer tables).
 SPARE = 400
+#: Stretches of days that sums are kept by, at most; dates are found in them and then by day. Memory
+#: of a diagnosis grows with their number, and two months hold as many days.
+STRETCHES = 60
 #: Variance of the day fields that expectation maximisation starts from, m2 s-2, and its steps.
 START, STEPS = 0.5, 30
 #: Least days with reports before and after a change.
@@ -46,6 +49,7 @@ class Sums:
     ``days`` (D,) are those since 1970, shifted by ``ends`` (s), ``span`` their number from the
     first to the last report; ``aircraft`` and ``day`` are of each report, in the frame's order.
     ``rows`` (2 n, p) are sorted by aircraft and day; ``shared`` (A, D, q, p) is C of the module.
+    Scores and information are kept by stretch of days, of which ``first_day`` (T,) is the first.
     """
 
     def __init__(
@@ -72,9 +76,12 @@ class Sums:
             for i in range(self.A * self.D)
             if self.cuts[i] < self.cuts[i + 1]
         ]
-        self.flown = np.zeros((self.A, self.D), bool)
+        length = -(-self.D // STRETCHES)
+        self.stretch, self.first_day = np.arange(self.D) // length, np.arange(0, self.D, length)
+        self.T = self.first_day.size
+        self.flown = np.zeros((self.A, self.T), bool)
         for a, d, _ in self.cells:
-            self.flown[a, d] = True
+            self.flown[a, self.stretch[d]] = True
         self.fields = self.whitened(fields)
         self.residual = self.whitened(residual[:, :, None])[:, 0]
         self._fit_fields()
@@ -103,6 +110,7 @@ class Sums:
         # columns of groups that were forgotten are overwritten
         first = min([self.width, *(where.start for where in pending)])
         self._grams = {key: made for key, made in self._grams.items() if key[1] <= first}
+        self._own = {key: own for key, own in self._own.items() if own[0].columns.stop <= first}
         for where in pending:
             if where.stop > self.rows.shape[1]:
                 more = where.stop + SPARE - self.rows.shape[1]
@@ -150,14 +158,18 @@ class Sums:
         return np.asarray(values - np.einsum("nq,nq->n", self.fields, fitted[self.day_of_row]))
 
     def scores(self, values: NDArray[np.floating]) -> Floats:
-        """Columns' products with a vector over the rows, by aircraft and day, (A, D, p)."""
-        out = np.zeros((self.A, self.D, self.width))
+        """Columns' products with a vector over the rows, by aircraft and stretch, (A, T, p)."""
+        out = np.zeros((self.A, self.T, self.width))
         for a, d, span in self.cells:
-            out[a, d] = values[span] @ self.rows[span, : self.width]
+            out[a, self.stretch[d]] += values[span] @ self.rows[span, : self.width]
         return out
 
+    def by_stretch(self, by_day: Floats, axis: int) -> Floats:
+        """Sums over the days of each stretch."""
+        return np.asarray(np.add.reduceat(by_day, self.first_day, axis=axis))
+
     def information(self, group: Group) -> tuple[Floats, Floats]:
-        """Information about a group's coefficients: (A, D, m, m) of aircraft, (D, m, m) of all."""
+        """Information about a group's coefficients: (A, T, m, m) of aircraft, (T, m, m) of all."""
         known = self._own.get(id(group))
         if known is not None and known[0] is group:
             return known[1], known[2]
@@ -174,15 +186,17 @@ class Sums:
         key = (columns.start, columns.stop)
         if key not in self._grams:
             k = columns.stop - columns.start
-            plain = np.zeros((self.A, self.D, k, k))
+            plain = np.zeros((self.A, self.T, k, k))
             for a, d, span in self.cells:
                 rows = self.rows[span, columns]
-                plain[a, d] = rows.T @ rows
+                plain[a, self.stretch[d]] += rows.T @ rows
             shared = self.shared[..., columns].astype(float)
             whole = shared.sum(axis=0)
+            common = np.einsum("adqi,adqj->adij", shared, shared, optimize=True)
+            of_fleet = np.einsum("dqi,dqj->dij", whole, whole, optimize=True)
             self._grams[key] = (
-                plain - np.einsum("adqi,adqj->adij", shared, shared, optimize=True),
-                plain.sum(axis=0) - np.einsum("dqi,dqj->dij", whole, whole, optimize=True),
+                plain - self.by_stretch(common, 1),
+                plain.sum(axis=0) - self.by_stretch(of_fleet, 0),
             )
         return self._grams[key]
 

@@ -7,7 +7,8 @@ With X the columns of all terms and prior precision P (1 / s^2 of each coefficie
 
 h = X' V^-1 r; with a noise factor kappa both X' V^-1 X and h are divided by it. Given the terms,
 the score of a candidate Z is b_ad = Z_ad' V^-1 (r - X theta) and its information G - W'W, with W =
-H^-1/2 X' V^-1 Z.
+H^-1/2 X' V^-1 Z; for one aircraft X are the columns of terms that act on it, and H^-1 that block of
+the inverse (other aircraft are concerned through the day fields only).
 """
 
 from __future__ import annotations
@@ -175,6 +176,15 @@ class Columns:
 
 
 @dataclass(frozen=True)
+class Part:
+    """Coefficients of the terms in the model that act on an aircraft."""
+
+    at: Integers  # (w,): their places
+    rows: Singles  # (2 n_a, w): their columns on its rows
+    root: Floats  # (w, w): a root of their posterior covariance, root' root
+
+
+@dataclass(frozen=True)
 class Statistics:
     """Scores and information of a candidate given the terms in the model, by aircraft and day."""
 
@@ -189,6 +199,14 @@ class Statistics:
     # what terms in the model leave because their columns are inexact, m2 s-2
     lasting: float = 0.0
     remainder: Floats | float = 0.0
+
+
+def log_evidence(gram: Floats, score: Floats, precision: Floats, kappa: float) -> float:
+    """Log marginal likelihood of the module with noise factor kappa, up to a constant."""
+    root = np.linalg.cholesky(gram / kappa + precision)
+    solved = np.linalg.solve(root, score / kappa)
+    prior = 0.5 * float(np.linalg.slogdet(precision)[1])
+    return float(0.5 * solved @ solved - np.log(np.diag(root)).sum() + prior)
 
 
 class Model:
@@ -235,16 +253,15 @@ class Model:
         every = [self.base, *terms]
         gram = np.block([[self._product(x, y) for y in every] for x in every])
         score = np.concatenate([self.columns(x).score for x in every])
-        precision = np.asarray(block_diag(*(x.precision for x in every)))
-        return gram, score, precision
+        return gram, score, self.precision(terms)
+
+    def precision(self, terms: Sequence[Term]) -> Floats:
+        """Prior precision of the coefficients of the climatology and some terms."""
+        return np.asarray(block_diag(*(x.precision for x in (self.base, *terms))))
 
     def evidence(self, terms: Sequence[Term], kappa: float) -> float:
         """Log marginal likelihood of terms with noise variance kappa, up to a constant."""
-        gram, score, precision = self.system(terms)
-        root = np.linalg.cholesky(gram / kappa + precision)
-        solved = np.linalg.solve(root, score / kappa)
-        prior = 0.5 * float(np.linalg.slogdet(precision)[1])
-        return float(0.5 * solved @ solved - np.log(np.diag(root)).sum() + prior)
+        return log_evidence(*self.system(terms), kappa)
 
     def condition(self, terms: Sequence[Term]) -> None:
         """Fit terms, and take the candidates' statistics given them.
@@ -290,26 +307,37 @@ class Model:
         self.theta: Floats = np.asarray(np.linalg.solve(self.hessian, score), np.float64)
         made = [self.columns(x) for x in every]
         self.offsets = np.cumsum([0] + [one.width for one in made])
-        fitted = np.zeros(2 * sums.n, np.float32)
-        width, p = int(self.offsets[-1]), sums.width
-        cross = np.zeros((sums.A, width, p), np.float32)
+        p = sums.width
         self.term_shared = np.concatenate([one.shared for one in made], axis=2)
-        flat = self.term_shared.astype(np.float32).reshape(-1, width)
+        inverse = np.linalg.inv(self.hessian)
+        fitted = np.zeros(2 * sums.n, np.float32)
+        cross = -np.einsum(
+            "dqi,dqp->ip", self.term_shared, sums.shared[..., :p].sum(axis=0), optimize=True
+        )
+        self.parts, explained = [], []
         for a in range(sums.A):
             span = sums.rows_of(a)
-            cross[a] = -flat.T @ sums.shared[a, :, :, :p].reshape(-1, p)
-            for start, one in zip(self.offsets, made, strict=False):
-                if a in one.rows:
-                    at, values = one.rows[a]
-                    fitted[span] += values @ self.theta[start + at].astype(np.float32)
-                    cross[a, start + at] += values.T @ sums.rows[span, :p]
+            held = [(k, one.rows[a]) for k, one in enumerate(made) if a in one.rows]
+            at = np.concatenate([self.offsets[k] + places for k, (places, _) in held])
+            rows = np.concatenate([values for _, (_, values) in held], axis=1)
+            part = Part(at, rows, np.linalg.cholesky(inverse[np.ix_(at, at)]).T)
+            fitted[span] = rows @ self.theta[at].astype(np.float32)
+            plain = rows.T @ sums.rows[span, :p]
+            cross[at] += plain
+            common = self.term_shared[..., at].astype(np.float32).reshape(-1, at.size)
+            known = plain - common.T @ sums.shared[a, :, :, :p].reshape(-1, p)
+            self.parts.append(part)
+            explained.append(part.root @ known)
         self.left = sums.inverse_residual - sums.invert(fitted)
         self.day_score = sums.scores(self.left)
-        self.inverse_root = np.linalg.inv(np.linalg.cholesky(self.hessian)).astype(np.float32)
-        self.explained = np.einsum("ij,ajp->aip", self.inverse_root, cross, optimize=True)
-        self._whole_explained = self.explained.sum(axis=0)
-        # columns of terms that are not in the model are dropped
-        kept = {term.key for term in every}
+        most = max(one.shape[0] for one in explained)
+        self.explained = np.stack([np.pad(x, ((0, most - len(x)), (0, 0))) for x in explained])
+        self.fleet_explained = np.linalg.solve(np.linalg.cholesky(self.hessian), cross)
+        self.release(terms)
+
+    def release(self, terms: Sequence[Term]) -> None:
+        """Free the memory of columns other than those of the terms."""
+        kept = {term.key for term in (self.base, *terms)}
         self._made = {key: columns for key, columns in self._made.items() if key in kept}
         self._products = {pair: gram for pair, gram in self._products.items() if set(pair) <= kept}
 
@@ -321,7 +349,7 @@ class Model:
         whole, fleet_whole = by_day.sum(axis=1), fleet_by_day.sum(axis=0)
         known = self.explained[:, :, group.columns] @ t
         information = whole - np.einsum("aim,ain->amn", known, known)
-        of_fleet = self._whole_explained[:, group.columns] @ t
+        of_fleet = self.fleet_explained[:, group.columns] @ t
         fleet_information = fleet_whole - of_fleet.T @ of_fleet
         day_score = self.day_score[:, :, group.columns] @ t
         score = day_score.sum(axis=1)
