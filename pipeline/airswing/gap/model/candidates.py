@@ -52,8 +52,8 @@ LENGTH, FREE = 1.3, 0.1
 SMOOTH, NEGLIGIBLE = 0.3, 0.01
 #: Quantiles between which knots lie: single values far out must not stretch the curve.
 INNER = (0.005, 0.995)
-#: Winds drawn to average a table of the reported wind over, and levels they are drawn within.
-DRAWS, LEVELS = 6, 8
+#: Differences drawn to average a table of the reported wind over, and levels of their spread.
+DRAWS, LEVELS = 16, 8
 #: Every how many-th report the size of a candidate is measured on.
 SAMPLED = 7
 #: Knots of the second variable in a product with a fitted curve.
@@ -315,19 +315,26 @@ class Candidates:
 
     # --------------------------------------------------------------------------------- tables
     def _likely_winds(self) -> Floats:
-        """Winds that might have been reported given the large-scale wind, (draws, n, 2)."""
-        rng = np.random.default_rng(0)
+        """Winds that might have been reported given the large-scale wind, (draws, n, 2).
+
+        A draw is one standardised difference from the large-scale wind for all reports, so that
+        averages over draws vary within a flight as the large-scale wind does; its mean and spread
+        vary with pressure.
+        """
         frame = self.frame
         apart = np.stack([frame.u_rep, frame.v_rep], -1) - self.wind
-        level = np.argsort(np.argsort(frame.pressure)) * LEVELS // max(frame.size, 1)
-        out = np.empty((DRAWS, frame.size, 2))
-        for k in range(LEVELS):
-            here = np.flatnonzero(level == k)
-            if here.size:
-                out[:, here] = (
-                    self.wind[here] + apart[here[rng.integers(0, here.size, (DRAWS, here.size))]]
-                )
-        return out
+        levels = [rows for rows in np.array_split(np.argsort(frame.pressure), LEVELS) if rows.size]
+        at = [np.median(frame.pressure[rows]) for rows in levels]
+
+        def smooth(values: Floats) -> Floats:
+            return np.stack([np.interp(frame.pressure, at, one) for one in values.T], -1)
+
+        mean = smooth(np.array([apart[rows].mean(axis=0) for rows in levels]))
+        spread = smooth(np.array([apart[rows].std(axis=0) + 1e-6 for rows in levels]))
+        chosen = np.random.default_rng(0).integers(0, frame.size, DRAWS)
+        drawn = ((apart - mean) / spread)[chosen]
+        drawn = (drawn - drawn.mean(axis=0)) / (drawn.std(axis=0) + 1e-6)
+        return np.asarray(self.wind + mean + spread * drawn[:, np.newaxis])
 
     def columns_of(self, table: Table, at: Frame) -> Singles:
         """Columns (n, 2, k) of a table.

@@ -15,6 +15,7 @@ without a group of days follow by one more step. The prior of a term of several 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -148,22 +149,6 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
         for term, raw in zip(every, response.raw, strict=True)
     ]
     precision = model.kappa * _precision(model)
-    for k, (z, x) in enumerate(zip(instruments[1:], exact[1:], strict=True)):
-        if _is_weak([z], [x], _block(precision, model, [k])):
-            response.without_noise(k)
-            exact[k + 1] = z
-    winds = [
-        k
-        for k, term in enumerate(model.terms)
-        if term.group.part == "wind" and response.raw[k + 1] is response.reported[k + 1]
-    ]
-    pairs = [instruments[k + 1] for k in winds], [exact[k + 1] for k in winds]
-    if len(winds) > 1 and _is_weak(*pairs, _block(precision, model, winds)):
-        # reported and reference wind differ by the residual: alike functions of both explain it
-        for k in winds:
-            response.without_noise(k)
-            response.reported[k + 1] = response.raw[k + 1]
-            exact[k + 1] = instruments[k + 1]
     fold = fold_of_day(sums.D)
     of_row, folds = fold[sums.day_of_row], int(fold.max()) + 1
 
@@ -171,8 +156,29 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
         rows = [[z.product_by_fold(x, of_row, folds) for x in exact] for z in instruments]
         return np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
 
-    curved = [k for k in range(len(model.terms)) if response.curved[k] is not None]
+    def without_noise(k: int) -> None:
+        response.without_noise(k)
+        exact[k + 1] = instruments[k + 1]
+        column = [z.product_by_fold(exact[k + 1], of_row, folds) for z in instruments]
+        by_fold[:, :, parts[k]] = np.concatenate(column, axis=1)
+
     by_fold = products()
+    gram = np.block([[one.product(other) for other in instruments] for one in instruments])
+    parts = [slice(int(i), int(j)) for i, j in itertools.pairwise(model.offsets[1:])]
+    for k, part in enumerate(parts):
+        cross = by_fold[:, part, part].sum(axis=0)
+        if _weak_direction(gram[part, part], cross, precision[part, part]) is not None:
+            without_noise(k)
+    # functions of the reported and of the reference wind, or curves of one heading, may cancel
+    while (weak := _weak_direction(gram, by_fold.sum(axis=0), precision)) is not None:
+        size = [float(weak[part] @ gram[part, part] @ weak[part]) for part in parts]
+        noisy = [k for k in range(len(parts)) if exact[k + 1] is not instruments[k + 1]]
+        if not noisy:
+            break
+        k = max(noisy, key=lambda k: size[k])
+        without_noise(k)
+        response.reported[k + 1] = response.raw[k + 1]
+    curved = [k for k in range(len(model.terms)) if response.curved[k] is not None]
     theta = np.array(model.theta)
     steps = 8
     for step in range(steps + 1):
@@ -212,22 +218,17 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
     return Refit(theta, covariance, without, tuple(differs), response)
 
 
-def _block(precision: Floats, model: Model, terms: Sequence[int]) -> Floats:
-    at = np.concatenate([np.arange(*model.offsets[k + 1 : k + 3]) for k in terms])
-    return np.asarray(precision[np.ix_(at, at)])
+def _weak_direction(gram: Floats, cross: Floats, prior: Floats) -> Floats | None:
+    """Coefficients for which columns share less than half with their instruments; None for none.
 
-
-def _is_weak(z: Sequence[Columns], x: Sequence[Columns], prior: Floats) -> bool:
-    """Whether columns x share less than half with their instruments z in some direction.
-
-    So do functions of the reported wind, which are fitted by columns averaged over likely winds
-    (Berkson's case, unbiased).
+    ``gram`` are the products of the instruments, ``cross`` those with the columns. Functions of
+    the reported wind are weak: they are fitted by columns averaged over likely winds (Berkson's
+    case, unbiased).
     """
-    gram = np.block([[one.product(other) for other in z] for one in z]) + prior
-    cross = np.block([[one.product(other) for other in x] for one in z]) + prior
-    inner = np.linalg.inv(np.linalg.cholesky(gram))
-    shared = inner @ cross @ inner.T
-    return bool(np.linalg.eigvalsh((shared + shared.T) / 2)[0] < 0.5)
+    inner = np.linalg.inv(np.linalg.cholesky(gram + prior))
+    shared = inner @ (cross + prior) @ inner.T
+    values, vectors = np.linalg.eigh((shared + shared.T) / 2)
+    return np.asarray(inner.T @ vectors[:, 0]) if values[0] < 0.5 else None
 
 
 def _precision(model: Model) -> Floats:

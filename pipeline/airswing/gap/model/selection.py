@@ -197,7 +197,7 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
         if represented:
             best = represented[0]
         elif names:
-            best = _named_together(model, terms, best, names) or best
+            best = _named_together(model, terms, tables, names) or best
     best = _to_the_day(model, terms, _without_idle(model, terms, best))
     others = [t for t in scored if t.label != best.label]
     rivals = tuple((best.score - t.score, t.group.name, t.scope) for t in others)
@@ -220,10 +220,13 @@ def _is_usual(model: Model, terms: Sequence[Term], table: Term) -> bool:
 
 
 def _named_together(
-    model: Model, terms: Sequence[Term], table: Term, named: Sequence[Term]
+    model: Model, terms: Sequence[Term], tables: Sequence[Term], named: Sequence[Term]
 ) -> Term | None:
-    """First of several names that leave a table nothing to explain; None where there are none."""
-    chosen: list[Term] = []
+    """First of several names that leave the best table nothing to explain; None for none.
+
+    A table of fewer coefficients must not be better than the names.
+    """
+    table, chosen = tables[0], list[Term]()
     names = [group for group in model.sums.candidates.groups if group.named]
     freedom, total, found = 0, 0.0, None
     for _ in range(TOGETHER):
@@ -242,6 +245,8 @@ def _named_together(
         freedom, total = freedom + best.freedom, total + best.score
         if freedom > table.freedom:
             break
+        if any(total < one.score and one.freedom < freedom for one in tables):
+            continue
         left = _exactly(model, [*terms, *chosen], table).score
         if total > REPRESENTS * table.score and left < (1 - REPRESENTS) * table.score:
             found = chosen[0]
