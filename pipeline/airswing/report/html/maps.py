@@ -163,7 +163,7 @@ def places_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
     few, label, thinned = slice(None, None, every), "reports", ""
     if every > 1:
         label, thinned = f"one in {every} reports", f" One report in {every} is drawn."
-    lon, lat = (headings[name].to_numpy().astype(float) for name in ("longitude", "latitude"))
+    lon, lat = (np.asarray(headings[name], float) for name in ("longitude", "latitude"))
     phase, level = headings["phase"].to_numpy(), headings["pressure"].to_numpy() / 100.0
     phases = {name: phase == PHASE[name] for name in ("ascent", "cruise", "descent", "unknown")}
     if not phases["unknown"].any():
