@@ -14,12 +14,25 @@ from tests.reference.builders import LAMBERT, LATLON, build, write
 LEVELS = (300, 500, 700)
 
 
-def profile(levels=LEVELS, *, keys=LATLON, parameters="uv", **options):
+def profile(levels=LEVELS, values=None, *, parameters="uv", **options):
     return [
-        build(keys, parameter=parameter, level=level, **options)
+        build(LATLON, values, parameter=parameter, level=level, **options)
         for level in levels
         for parameter in parameters
     ]
+
+
+@pytest.fixture
+def catalogued(tmp_path):
+    """Catalogue of the files in a folder, to which one of some messages is added."""
+
+    def find(*messages, name="x.grib", files=None, **options):
+        if messages:
+            write(tmp_path / name, *messages)
+        options = {"cache_dir": tmp_path / "c"} | options
+        return build_catalogue(files or str(tmp_path / "*.grib"), name="x", **options)
+
+    return find
 
 
 def content(catalogue):
@@ -45,13 +58,11 @@ def test_what_the_catalogue_says_of_a_real_run(real, tmp_path):
     assert grid.wind_along_grid
 
 
-def test_shortest_lead_that_meets_the_condition_wins(tmp_path):
+def test_shortest_lead_that_meets_the_condition_wins(catalogued, tmp_path):
     for run, step in ((600, 6), (900, 3), (1200, 0)):
         write(tmp_path / f"run{run:04d}.grib", *profile(when=(20090801, run), step=step))
     for lead, expected in (("any", 0), (">= 1 h", 3), ("> 180 min", 6), ("== 6 h", 6)):
-        catalogue = build_catalogue(
-            str(tmp_path / "*.grib"), name="x", lead=lead, cache_dir=tmp_path / "c"
-        )
+        catalogue = catalogued(lead=lead)
         assert list(catalogue.leads / 3600) == [expected]
         assert (len(catalogue.notes) == 1) == (lead in ("any", ">= 1 h"))
         assert all("shortest is used" in note for note in catalogue.notes)
@@ -59,13 +70,9 @@ def test_shortest_lead_that_meets_the_condition_wins(tmp_path):
     assert repr(catalogue) == f"<Catalogue 'x': {text}>"
 
 
-def test_levels_come_in_any_order_and_u_and_v_in_different_files(tmp_path):
-    rng = np.random.default_rng(0)
-    us = profile(parameters="u")
-    vs = profile(parameters="v")
-    write(tmp_path / "a.grib", *[us[i] for i in rng.permutation(3)])
-    write(tmp_path / "b.grib", *[vs[i] for i in rng.permutation(3)])
-    catalogue = build_catalogue(str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c")
+def test_levels_come_in_any_order_and_u_and_v_in_different_files(catalogued, tmp_path):
+    write(tmp_path / "a.grib", *profile((500, 300, 700), parameters="u"))
+    catalogue = catalogued(*profile((700, 300, 500), parameters="v"), name="b.grib")
     np.testing.assert_array_equal(catalogue.levels(0), [30000.0, 50000.0, 70000.0])
     model = catalogue.model_time(0)
     assert [Path(file.path).name for file in model.files] == ["a.grib", "b.grib"]
@@ -96,50 +103,58 @@ def test_files_without_usable_winds_are_refused(name, expected, real, tmp_path):
     assert str(real(name)) in str(caught.value)
 
 
-def test_mixed_editions_and_wind_speed(tmp_path):
-    messages = *profile((300,), edition=1), *profile((500,), edition=2)
-    found = build_catalogue(write(tmp_path / "m", *messages), name="x", cache_dir=tmp_path / "c")
+def test_editions_may_be_mixed(catalogued):
+    found = catalogued(*profile((300,), edition=1), *profile((500,), edition=2))
     assert found.levels(0).tolist() == [30000.0, 50000.0]
-    path = write(tmp_path / "m", build(LATLON, extra={"parameterNumber": 1}))
-    with pytest.raises(InputError, match="wind speed or direction, not u and v"):
-        build_catalogue(path, name="x", cache_dir=tmp_path / "c")
 
 
-def test_u_and_v_on_different_grids_are_no_wind(tmp_path):
-    path = write(tmp_path / "x.grib", build(LATLON), build(LAMBERT, parameter="v"))
-    with pytest.raises(InputError, match="u without v"):
-        build_catalogue(path, name="x", cache_dir=tmp_path)
+def hybrid(level, parameter):
+    """A message of edition 1 on a hybrid level."""
+    message = bytearray(build(LATLON, edition=1))
+    message[16:20] = bytes([parameter, 109, 0, level])
+    return bytes(message)
 
 
-def test_copies_of_a_field_count_once_and_the_note_names_the_file(tmp_path):
+@pytest.mark.parametrize(
+    ("messages", "says"),
+    [
+        ([build(LATLON, extra={"parameterNumber": 1})], "wind speed or direction, not u and v"),
+        ([build(LATLON), build(LAMBERT, parameter="v")], "u without v"),  # on different grids
+        (
+            [hybrid(level, parameter) for level in (1, 2) for parameter in (33, 34)],
+            "hybrid level without a pressure field",
+        ),
+    ],
+)
+def test_messages_without_a_profile_are_refused(messages, says, catalogued):
+    with pytest.raises(InputError, match=says):
+        catalogued(*messages)
+
+
+def test_copies_of_a_field_count_once_and_the_note_names_the_file(catalogued, tmp_path):
     first = np.arange(176.0) / 4
-    write(tmp_path / "a.grib", build(LATLON, first), build(LATLON, first, parameter="v"))
+    write(tmp_path / "a.grib", *profile((500,), first))
     # the same values in another packing are a copy, too
-    again = [build(LATLON, first, parameter=p, packing="grid_ccsds", bits=20) for p in "uv"]
-    write(tmp_path / "b.grib", *again)
-    catalogue = build_catalogue(str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c")
+    again = profile((500,), first, packing="grid_ccsds", bits=20)
+    catalogue = catalogued(*again, name="b.grib")
     assert {Path(f.path).name for f in catalogue.model_time(0).files} == {"b.grib"}
     (note,) = catalogue.notes
     assert "a.grib" in note and "b.grib is used" in note and "2009-08-01T12:00Z, lead 0 h" in note
-    reversed_order = [str(tmp_path / "b.grib"), str(tmp_path / "a.grib")]
-    again = build_catalogue(reversed_order, name="x", cache_dir=tmp_path / "c")
-    assert content(again) == content(catalogue)
+    reversed_order = catalogued(files=[str(tmp_path / f"{name}.grib") for name in "ba"])
+    assert content(reversed_order) == content(catalogue)
 
 
 @pytest.mark.parametrize("edition", [1, 2])
 @pytest.mark.parametrize("files", [1, 2])
-def test_of_a_field_given_twice_with_other_values_neither_is_used(edition, files, tmp_path):
-    lower = profile((700,), edition=edition)
-    messages = [
-        [build(LATLON, np.full(176, value), parameter=p, edition=edition) for p in "uv"]
-        for value in (1.5, 20.0)
-    ]
-    if files == 1:
-        write(tmp_path / "a.grib", *messages[0], *messages[1], *lower)
-    else:
-        write(tmp_path / "a.grib", *messages[0], *lower)
-        write(tmp_path / "b.grib", *messages[1])
-    catalogue = build_catalogue(str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c")
+def test_of_a_field_given_twice_with_other_values_neither_is_used(
+    edition, files, catalogued, tmp_path
+):
+    upper, other, lower = (
+        profile((level,), np.full(176, value), edition=edition)
+        for level, value in ((500, 1.5), (500, 20.0), (700, 1.5))
+    )
+    write(tmp_path / "a.grib", *upper, *lower, *(other if files == 1 else []))
+    catalogue = catalogued(*(other if files == 2 else []))
     assert catalogue.levels(0).tolist() == [70000.0]
     (one,) = catalogue.skipped
     assert one["reason"] == "a field of one level and time given again with other values"
@@ -162,62 +177,40 @@ def test_lead_conditions():
             lead_condition(text)
 
 
-def test_a_replaced_file_is_read_again(tmp_path):
-    path = write(tmp_path / "x.grib", *profile())
-    first = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
-    stamp = os.stat(path).st_mtime_ns
+def test_a_replaced_file_is_read_again(catalogued, tmp_path):
+    first = catalogued(*profile())
+    stamp = os.stat(tmp_path / "x.grib").st_mtime_ns
     write(tmp_path / "x.grib", *profile(when=(20090801, 1800)))
     # Same size, and even the same time of modification: the sample of bytes differs.
-    os.utime(path, ns=(stamp, stamp))
-    second = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
-    assert second.times[0] - first.times[0] == np.timedelta64(6, "h")
+    os.utime(tmp_path / "x.grib", ns=(stamp, stamp))
+    assert catalogued().times[0] - first.times[0] == np.timedelta64(6, "h")
 
 
-def test_a_cache_that_cannot_be_written_costs_a_warning(tmp_path):
-    path = write(tmp_path / "x.grib", *profile())
-    blocked = tmp_path / "file-in-the-way"
-    blocked.write_text("")
+def test_a_cache_that_cannot_be_written_costs_a_warning(catalogued, tmp_path):
+    (tmp_path / "file").write_text("")
     with pytest.warns(UserWarning, match="cannot be written"):
-        catalogue = build_catalogue(path, name="x", cache_dir=blocked / "c")
-    assert len(catalogue) == 1
+        assert len(catalogued(*profile(), cache_dir=tmp_path / "file/c")) == 1
 
 
 @pytest.mark.parametrize("damage", [lambda e: b"", lambda e: b"rubbish", lambda e: e[:-9]])
-def test_in_place_of_a_damaged_entry_the_file_is_read_again(damage, tmp_path):
-    path = write(tmp_path / "x.grib", *profile())
-    first = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+def test_in_place_of_a_damaged_entry_the_file_is_read_again(damage, catalogued, tmp_path):
+    first = catalogued(*profile())
     (entry,) = (tmp_path / "c" / "grib-headers").iterdir()
     whole = entry.read_bytes()
     entry.write_bytes(damage(whole))
-    again = build_catalogue(path, name="x", cache_dir=tmp_path / "c")
-    assert content(again) == content(first) and entry.read_bytes() == whole
+    assert content(catalogued()) == content(first) and entry.read_bytes() == whole
 
 
-def test_ensemble_members_are_not_mixed(tmp_path):
+def test_ensemble_members_are_not_mixed(catalogued):
     messages = []
     for member, value in ((3, 30.0), (1, 10.0)):
         extra = {"productDefinitionTemplateNumber": 1, "perturbationNumber": member}
-        for parameter in "uv":
-            messages.append(build(LATLON, np.full(176, value), parameter=parameter, extra=extra))
-    path, cache = write(tmp_path / "x.grib", *messages), tmp_path / "c"
-    catalogue = build_catalogue(path, name="x", cache_dir=cache)
+        messages += profile((500,), np.full(176, value), extra=extra)
+    catalogue = catalogued(*messages)
     assert list(catalogue.profiles["member"]) == [1] and len(catalogue.levels(0)) == 1
     assert any("lowest number" in note for note in catalogue.notes)
     for member in (1, 3):
-        one = build_catalogue(path, name="x", member=member, cache_dir=cache)
+        one = catalogued(member=member)
         assert list(one.profiles["member"]) == [member] and not one.notes
     with pytest.raises(InputError, match=r"references\.x.*ensemble member 2.*members 1, 3"):
-        build_catalogue(path, name="x", member=2, cache_dir=cache)
-
-
-def test_hybrid_levels_need_a_pressure(tmp_path):
-    messages = []
-    for level in (1, 2):
-        for parameter in (33, 34):
-            message = bytearray(build(LATLON, edition=1))
-            message[8 + 8], message[8 + 9] = parameter, 109
-            message[8 + 10 : 8 + 12] = level.to_bytes(2, "big")
-            messages.append(bytes(message))
-    path = write(tmp_path / "x.grib", *messages)
-    with pytest.raises(InputError, match="hybrid level without a pressure field"):
-        build_catalogue(path, name="x", cache_dir=tmp_path / "c")
+        catalogued(member=2)
