@@ -180,6 +180,26 @@ def test_effect_outside_the_catalogue_is_located_and_closed():
     assert active.tails == (frame.tails[3],)
 
 
+def test_an_error_that_depends_on_the_reported_wind_is_located():
+    sector = {"variable": "wind_direction", "shape": "sector", "at": 0.5, "width": 0.3}
+    outside = {"component": "along_wind", "parts": [sector], "size_m_s": 1.6, "sign": 1.0}
+    frame = archive(effect("outside", [0, 1, 2], **outside), seed=7, aircraft=5, days=14)
+    report = diagnose(frame, catalogue=SMALL).report
+    assert report.effects == []
+    (place,) = report.unknown.where
+    assert place.variables == ["wind_direction"]
+    assert place.tails == list(frame.tails[:3])
+
+
+def test_a_change_in_a_long_archive_is_dated_to_the_day(monkeypatch):
+    """Sums of long archives are kept by stretches of days, here of three."""
+    monkeypatch.setattr("airswing.gap.model.sums.STRETCHES", 6)
+    frame = archive(effect("compass_step", [2], 9, offset_deg=1.2), seed=6, days=16)
+    (found,) = diagnose(frame, catalogue=SMALL, dictionary=False).report.effects
+    assert (found.name, found.tails) == ("compass_step", [frame.tails[2]])
+    assert abs(np.datetime64(found.period[0]) - (START + 9)) <= np.timedelta64(1, "D")
+
+
 @pytest.mark.parametrize(
     ("name", "day", "values", "variables"),
     [
