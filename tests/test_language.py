@@ -32,7 +32,7 @@ FILES = [
 #: Keys of gap.json and names of products, which other programs read.
 CONTRACT = (
     r"(raw|tempered|evidence|difference)_nats|told_before"
-    r"|decoy(?=: PlaceboEntry|[\"`])"
+    r"|(?<=gap\.)decoy|decoy(?=: PlaceboEntry|[\"`])"
 )
 
 
