@@ -97,7 +97,7 @@ def test_products_are_complete_and_serialise(iron):
     ("name", "aircraft", "day", "values", "options"),
     [
         ("compass_step", [2], 9, {"offset_deg": 1.2}, {"seed": 6, "days": 16}),
-        ("compass_drift", [0, 2, 4], 10, {"rate_deg_per_day": 1.0}, {"seed": 6, "days": 16}),
+        ("compass_drift", [0, 2, 4], 12, {"rate_deg_per_day": 1.2}, {"seed": 6, "days": 16}),
         ("compass_offset", [2], None, {"offset_deg": 4.0}, {"days": 1}),
         ("compass_offset", range(6), None, {"offset_deg": 1.5}, {"seed": 9}),
     ],

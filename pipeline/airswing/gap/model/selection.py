@@ -55,20 +55,16 @@ PAIRED = 7
 LEAST = 30.0
 
 
-def screen(model: Model) -> list[Term]:
-    """All candidates given the terms in the model, best first; ``score`` holds the log prior."""
-    groups = [g for g in model.sums.candidates.groups if g.kind not in ("nuisance", "probe")]
-    statistics = [(g, model.statistics(g)) for g in groups]
-    # of tables and names that act always: the factor of a usual candidate
-    usual = [float(np.median(s.factor)) for g, s in statistics if not g.dated]
-    model.kappa = max(1.0, float(np.median(usual))) if usual else 1.0
-    return _ranked(model, statistics)
+def screen(model: Model, groups: Sequence[Group] | None = None) -> list[Term]:
+    """Candidates given the terms in the model, best first; ``score`` holds the log prior.
 
-
-def _ranked(model: Model, statistics: Sequence[tuple[Group, Statistics]]) -> list[Term]:
-    """Candidates of these statistics, best first."""
+    All groups by default; the noise factor and the usual sizes are those of the model.
+    """
     out: list[Term] = []
-    for group, found in statistics:
+    for group in model.sums.candidates.groups if groups is None else groups:
+        if group.kind in ("nuisance", "probe"):
+            continue
+        found = model.statistics(group)
         if group.dated:
             ranked, gated = dated_evidence(model, group, model.kappa, GATE - group.prior)
             scores = ranked.evidence + group.prior, gated.evidence + group.prior
@@ -233,8 +229,7 @@ def _named_together(
         given = [*terms, *chosen]
         if chosen:
             model.condition(given)
-            ranked = _ranked(model, [(group, model.statistics(group)) for group in names])
-            named = [t for t in ranked if t.gate > GATE][:TABLES]
+            named = [t for t in screen(model, names) if t.gate > GATE][:TABLES]
         options = [_exactly(model, given, term) for term in named]
         best = max(options, key=lambda t: t.score, default=None)
         if best is None or best.score <= GATE:
@@ -329,8 +324,8 @@ def search(model: Model, *, start: Sequence[Term] = ()) -> list[Term]:
     """Add terms, and replace or remove them, until nothing changes; steps are logged (debug)."""
     terms = list(start)
     model.condition(terms)
+    learn(model)
     if terms:
-        learn_usual(model)
         terms = revisit(model, terms, 1)
     seen: set[frozenset[tuple[object, ...]]] = set()
     for _ in range(MOST):
@@ -341,8 +336,9 @@ def search(model: Model, *, start: Sequence[Term] = ()) -> list[Term]:
         terms = [*terms, found[0]]
         model.condition(terms)
         terms = refined(model, terms, found[0])
-        learn_usual(model)
+        learn(model)
         terms = revisit(model, terms, ROUNDS)
+        learn(model)
         state = frozenset(term.label for term in terms)
         if state in seen:
             break
@@ -350,14 +346,21 @@ def search(model: Model, *, start: Sequence[Term] = ()) -> list[Term]:
     return terms
 
 
-def learn_usual(model: Model) -> None:
-    """Estimate the usual sizes with all terms in the model: an effect must not pass for usual."""
-    groups = [g for g in model.sums.candidates.groups if g.kind == "table" and g.form == (0,)]
-    model.usual = usual_sizes([(g, model.statistics(g)) for g in groups], model.kappa)
+def learn(model: Model) -> None:
+    """Estimate the noise factor and the usual sizes given all terms in the model.
+
+    An effect that is not in the model would raise the scatter of the days, and pass for usual.
+    """
+    groups = [g for g in model.sums.candidates.groups if g.named or g.form == (0,)]
+    statistics = [(g, model.statistics(g)) for g in groups if not g.dated]
+    factors = [float(np.median(s.factor)) for _, s in statistics]
+    model.kappa = max(1.0, float(np.median(factors))) if factors else 1.0
+    if model.terms:
+        model.usual = usual_sizes(statistics, model.kappa)
 
 
 def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
-    """Remove each term and contest its place, until nothing changes."""
+    """Remove each term and contest its place by the noise of the whole model."""
     for _ in range(rounds):
         changed = False
         for term in list(terms):
