@@ -75,8 +75,9 @@ def prepare(folder: Path, cases: int, seed: int, real: Path | None) -> None:
 def headings_frame(config: Path) -> Frame:
     from airswing.config_file import load_config
     from airswing.workflow.gap_stage import frame_of, with_near_winds
-    from airswing.workflow.job import Job, Progress
+    from airswing.workflow.job import Job
     from airswing.workflow.months import make_headings
+    from airswing.workflow.progress import Progress
 
     job = Job(load_config(config), Progress(quiet=True))
     return frame_of(job, with_near_winds(job, make_headings(job).load()))

@@ -108,7 +108,8 @@ def measured(config):
 
     from airswing import workflow
     from airswing.config_file import load_config
-    from airswing.workflow.job import Progress, resources
+    from airswing.workflow.job import resources
+    from airswing.workflow.progress import Progress
 
     class Watched(Progress):
         @contextlib.contextmanager

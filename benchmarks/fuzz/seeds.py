@@ -367,7 +367,8 @@ def _of_a_run(folder):
     from airswing.config_file import load_config
     from airswing.synthetic.archive import write_archive
     from airswing.workflow import make_corrected, make_fits, make_headings
-    from airswing.workflow.job import Job, Progress
+    from airswing.workflow.job import Job
+    from airswing.workflow.progress import Progress
     from airswing.workflow.stages import make_observation_errors
 
     config = write_archive(folder, days=1, aircraft=2, seed=1)

@@ -404,7 +404,8 @@ def _kept(kind, pick, seeds, folder):
 def _resumed(config, truth):
     from airswing.config_file import load_config
     from airswing.workflow import make_headings
-    from airswing.workflow.job import Job, Progress
+    from airswing.workflow.job import Job
+    from airswing.workflow.progress import Progress
 
     with make_headings(Job(load_config(config), Progress(quiet=True))) as headings:
         for name, values in truth.items():

@@ -171,7 +171,8 @@ def collocate(
     """
     from airswing import workflow
     from airswing.errors import InputError
-    from airswing.workflow.job import Progress, require_kept
+    from airswing.workflow.job import require_kept
+    from airswing.workflow.progress import Progress
     from airswing.workflow.track import TABLES, collocate_track
 
     if reference or source.suffix.lower() in TABLES:
@@ -422,7 +423,7 @@ def gap_check(
     """Test the gap diagnosis on sealed archives with known effects."""
     from airswing.blind_check import Plan, targets, write_report
     from airswing.blind_check import gap_check as check_diagnosis
-    from airswing.workflow.job import Progress
+    from airswing.workflow.progress import Progress
 
     plan = Plan(cases, seed, fast, nulls, tuple(rung) if rung else None, real=real)
     check = check_diagnosis(

@@ -18,7 +18,8 @@ from airswing.evaluation.monitoring.events import read_events, tables_differ, ta
 from airswing.products.netcdf import write_product
 from airswing.products.ragged import some_reports
 from airswing.workflow import events_said, make_monitoring, stages
-from airswing.workflow.job import Job, Progress
+from airswing.workflow.job import Job
+from airswing.workflow.progress import Progress
 from tests.compass.flown import Setting
 from tests.evaluation.archives import fleet, with_change
 

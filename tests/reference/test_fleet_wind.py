@@ -12,7 +12,7 @@ from airswing.config_file import load_config
 from airswing.errors import ConfigError, InputError
 from airswing.flags import STATUS
 from airswing.reference.fleet_wind import fleet_wind
-from airswing.workflow.job import Progress
+from airswing.workflow.progress import Progress
 from tests.ragged import ragged
 
 START = np.datetime64("2017-01-11T12:00", "ns")

@@ -20,7 +20,7 @@ from airswing.products.netcdf import read_product
 from airswing.reference.collocate import DERIVATIVES
 from airswing.report.gap.words import start_words, verdict
 from airswing.workflow import Job, gap_stage
-from airswing.workflow.job import Progress
+from airswing.workflow.progress import Progress
 
 IRON, SCALE = EFFECTS
 

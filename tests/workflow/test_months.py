@@ -21,7 +21,7 @@ from airswing.products.whole_files import workspace
 from airswing.reference.collocate import collocate
 from airswing.reference.files import SourceFile
 from airswing.workflow import months
-from airswing.workflow.job import Progress
+from airswing.workflow.progress import Progress
 
 HOURS, REPORTS, AIRCRAFT = 24 * 66, 4_000, 4
 NEW = "N103"

@@ -15,7 +15,7 @@ from airswing.config import Compute
 from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.workflow import job
-from airswing.workflow.job import Progress
+from airswing.workflow.progress import Progress
 
 distributed = pytest.importorskip("distributed")
 

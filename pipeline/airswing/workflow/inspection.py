@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from airswing.errors import InputError, shortened
-from airswing.products.netcdf import DAMAGE, require_sound
+from airswing.products.damaged_netcdf import DAMAGE, require_sound
 from airswing.reference.files import first_bytes, local_path, unreadable
 from airswing.reference.inspection import inspect_grib, inspect_gridded
 from airswing.reports.mapping_proposal import propose_mapping

@@ -1,31 +1,24 @@
-"""The job, which every stage of the workflow takes: its resources, progress and accounts.
+"""The job, which every stage of the workflow takes, and its computing resources.
 
 Every stage builds dask graphs and leaves the choice of scheduler to this module (threads or
 processes of this machine, or a dask scheduler at an address), so that the same code runs in all
 three places with the same results. Workers at an address must see the files under the same paths
 and have the same airswing.
-
-Progress, messages and accounts go to standard error, only results to standard output. Assumes one
-run at a time in a process. Quiet mode prints errors only.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import logging
 import os
-import sys
-import time
-from collections.abc import Callable, Iterator, Mapping, Sized
+from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import dask
 import xarray as xr
-from dask.callbacks import Callback
 
 from airswing.config import Compute, Config
 from airswing.config_file import load_config, naming_configuration
@@ -34,10 +27,10 @@ from airswing.products.netcdf import open_product, product_path, write_product
 from airswing.products.ragged import COVERAGE
 from airswing.products.whole_files import code_digest
 from airswing.report.run.reading_warnings import tally
+from airswing.workflow.progress import Progress
 
 if TYPE_CHECKING:
     from distributed import Client
-    from rich.console import Console
 
 CONNECT_TIMEOUT = "15s"
 _AGAIN = "then run the same command again: finished months are kept"
@@ -237,167 +230,3 @@ def require_same_code(client: Client) -> None:
             found=", ".join(other[:3]),
             remedy="Install the same airswing where the workers run",
         )
-
-
-# --- progress ------------------------------------------------------------------------------------
-
-
-@dataclass
-class StageRecord:
-    """Work and cost of one stage."""
-
-    name: str
-    seconds: float = 0.0  # wall time
-    note: str = ""  # result in a few words
-    bytes_read: int = 0
-    messages: int = 0  # decoded
-    reports: int = 0  # matched or handled
-    decoding: float = 0.0  # time spent reading and decoding messages, summed over threads, s
-    phases: dict[str, float] = field(default_factory=dict)  # processor time of each phase, s
-    phase: str = ""  # current part of the stage, and the fraction of it that is done
-    _began: tuple[str, float] = ("", 0.0)
-
-    @property
-    def title(self) -> str:
-        """Name of the stage and of its current phase."""
-        return f"{self.name}: {self.phase}" if self.phase else self.name
-
-    def enter(self, phase: str, done: float) -> None:
-        """Set the current phase (empty at the end) and the fraction of it that is done.
-
-        The time since the last call is that of the phase before.
-        """
-        before, since = self._began
-        now = time.process_time()
-        if before:
-            self.phases[before] = self.phases.get(before, 0.0) + now - since
-        self._began = phase, now
-        self.phase = f"{phase} {done:.0%}" if done else phase
-
-
-@dataclass
-class Progress:
-    """Shows the progress of the work, and records the cost of each stage."""
-
-    quiet: bool = False
-    records: list[StageRecord] = field(default_factory=list)  # of the finished stages
-    threads: int = 1  # working at a time, on all workers
-
-    def say(self, text: str) -> None:
-        """Print one line to standard error, unless quiet."""
-        if not self.quiet:
-            _console().print(text, highlight=False, markup=False, soft_wrap=True)
-
-    @contextlib.contextmanager
-    def stage(self, name: str) -> Iterator[StageRecord]:
-        """Time a stage, with a bar that follows the dask tasks run inside it.
-
-        The block sets the ``note`` of the record to its result, and its counts.
-        """
-        record, began = StageRecord(name), time.perf_counter()
-        with self._bar(record):
-            yield record
-        record.seconds = time.perf_counter() - began
-        record.enter("", 0.0)
-        _release_memory()
-        self.records.append(record)
-        self.say(f"{name:<18} {record.seconds:7.1f} s  {record.note}")
-        if record.phases:
-            parts = (f"{phase} {seconds:.1f} s" for phase, seconds in record.phases.items())
-            self.say(f"  processor time: {', '.join(parts)}")
-
-    def accounts(self) -> dict[str, Any]:
-        """Cost of the run so far, times in seconds.
-
-        ``decoding_seconds`` are summed over threads, ``decoding_share`` is of the time these had;
-        ``stages`` has the records.
-        """
-        seconds = sum(record.seconds for record in self.records)
-        decoding = sum(record.decoding for record in self.records)
-        stages = [asdict(record) for record in self.records]
-        for stage in stages:
-            del stage["phase"], stage["_began"]
-        return {
-            "seconds": seconds,
-            "threads": self.threads,
-            "decoding_seconds": decoding,
-            "decoding_share": decoding / (seconds * self.threads) if seconds else 0.0,
-            "stages": stages,
-        }
-
-    def accounts_text(self) -> str:
-        """The accounts as a table for a terminal."""
-        found = self.accounts()
-        lines = ["stage              time (s)  share   MB read  messages     reports"]
-        for record in self.records:
-            read = f"{record.bytes_read / 1e6:,.1f}" if record.bytes_read else ""
-            messages, reports = (f"{n:,}" if n else "" for n in (record.messages, record.reports))
-            share = record.seconds / (found["seconds"] or 1.0)
-            lines.append(
-                f"{record.name:<18} {record.seconds:8.1f} {share:6.1%} "
-                f"{read:>9} {messages:>9} {reports:>11}"
-            )
-        lines.append(
-            f"{'together':<18} {found['seconds']:8.1f}         decoding "
-            f"{found['decoding_seconds']:,.1f} s on {self.threads} threads: "
-            f"{found['decoding_share']:.1%} of the wall time"
-        )
-        return "\n".join(lines)
-
-    @contextlib.contextmanager
-    def _bar(self, record: StageRecord) -> Iterator[None]:
-        console = _console()
-        if self.quiet or not console.is_terminal:
-            yield
-            return
-        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-        from rich.progress import Progress as Bar
-
-        title = TextColumn("{task.fields[record].title:<18}")  # newly formatted at each refresh
-        columns = (title, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        with Bar(*columns, console=console, transient=True) as bar:
-            number = bar.add_task(record.name, total=None, record=record)
-            with Tasks(lambda done, total: bar.update(number, completed=done, total=total)):
-                yield
-
-
-class Tasks(Callback):
-    """Counts the tasks ``done`` and in ``total`` of dask's local schedulers; graphs add up.
-
-    `show` takes both numbers after each task.
-    """
-
-    def __init__(self, show: Callable[[int, int], None] = lambda done, total: None) -> None:
-        self.done = self.total = 0
-        self._show = show
-        super().__init__(start_state=self._begin, posttask=self._finished)
-
-    def _begin(self, _graph: object, state: Mapping[str, Sized]) -> None:
-        self.total += len(state["ready"]) + len(state["waiting"])
-
-    def _finished(self, *_: object) -> None:
-        self.done += 1
-        self._show(self.done, self.total)
-
-
-def _release_memory() -> None:
-    """Return free memory that libraries keep (HDF5, glibc, Arrow) to the system.
-
-    HDF5 keeps chunks of every variable that was read of an open file, 1 GB for a year of months;
-    xarray opens files again when they are read. Arrow keeps 100 MB for the rest of a run after
-    reading Parquet files of a million reports.
-    """
-    if "xarray.backends.file_manager" in sys.modules:
-        files = sys.modules["xarray.backends.file_manager"].FILE_CACHE
-        while files:
-            files.popitem()[1].close()
-    if "pyarrow" in sys.modules:
-        sys.modules["pyarrow"].default_memory_pool().release_unused()
-    with contextlib.suppress(OSError, AttributeError):  # only glibc has it
-        ctypes.CDLL(None).malloc_trim(0)
-
-
-def _console() -> Console:
-    from rich.console import Console
-
-    return Console(stderr=True)

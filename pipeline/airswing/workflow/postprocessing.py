@@ -24,7 +24,8 @@ from airswing.products.netcdf import open_product, product_path, read_product, w
 from airswing.products.whole_files import workspace
 from airswing.report.forecast_page import NAMES, forecast_headline, write_forecast_page
 from airswing.reports import expand
-from airswing.workflow.job import CORRECTED, HEADINGS, Progress
+from airswing.workflow.job import CORRECTED, HEADINGS
+from airswing.workflow.progress import Progress
 
 
 def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False) -> dict[str, Any]:
