@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.guarded import WorkerEndedError, guarded
-from airswing.products.netcdf import require_sound
+from airswing.products.damaged_netcdf import require_sound
 from airswing.reference.files import Reader, SourceFile, identify, is_url, kind_of, local_path
 from airswing.reference.grib.grid_sections import MAX_POINTS
 from airswing.reference.grib.headers import LENGTHS, GarbageError, single_fields, whole_messages

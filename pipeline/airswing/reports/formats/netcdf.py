@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.flags import PLATFORM, TEMPERATURE_QC, WIND_QC
-from airswing.products.netcdf import require_sound
+from airswing.products.damaged_netcdf import require_sound
 from airswing.reports.audit import Audit
 from airswing.reports.columns import ONLY, Mapped, decode_flags, from_epoch, parse_times
 from airswing.reports.formats import LARGEST_FILE, ReportFormat, constant_tail, content_of
