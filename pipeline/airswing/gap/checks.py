@@ -81,7 +81,7 @@ def run_checks(
     placebo = fit_placebo(frame, closure.residual, noise=noise, day=day, fold=fold, seed=seed)
     fields = {
         "calibration": CalibrationPair(after, before),
-        "decoy": placebo,
+        "placebo": placebo,
         "aliases": aliases(fitted),
         "assumptions": _assumptions(noise, model.kappa, after, pit_after, placebo),
     }

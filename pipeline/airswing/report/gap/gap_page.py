@@ -273,7 +273,7 @@ def _statistics_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Sec
             without, given = (scale * getattr(one, key) for one in (pair.before, pair.after))
             row = {"": label, "without the effects": without, "with the effects": given}
             rows.append(row | {"if right": right})
-    if drawn_at_random := gap.decoy:
+    if drawn_at_random := gap.placebo:
         ends, kt = drawn_at_random.reduction_ci_kt, html.per_kt(units)
         closes = amount(drawn_at_random.reduction_kt, ends, factor=kt, unit=units)
         placebo = (
