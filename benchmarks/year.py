@@ -19,6 +19,9 @@ import numpy as np
 import pandas as pd
 from tests.reference.builders import build, grid_keys
 
+from airswing.physics.geomagnetism import geomagnetic_field
+from airswing.units import FOOT
+
 START = np.datetime64("2009-01-01T00:00:00", "s")
 HOURS, REPORTS, AIRCRAFT = 8760, 10_000_000, 60
 NI, NJ, LEVELS = 24, 18, (500, 450, 400, 350, 300, 250)
@@ -27,31 +30,29 @@ LEG = 38
 """Reports a leg, a minute apart."""
 
 
-def wind(latitude, longitude):
-    """True wind, m/s: linear, so that interpolation adds nothing."""
+def wind(latitude, longitude, hour):
+    """True wind, m/s: linear in space and slow in time, so that interpolation adds 0.02 at most."""
     x, y = (longitude - WEST) / (NI * STEP), (latitude - SOUTH) / (NJ * STEP)
-    return 12.0 + 10.0 * y + 4.0 * x, -4.0 + 9.0 * x - 3.0 * y
+    trough, jet = np.sin(hour * 2 * np.pi / 97.0), np.cos(hour * 2 * np.pi / 229.0)
+    east = 12.0 + 8.0 * jet + (10.0 + 6.0 * trough) * y + 4.0 * x
+    return east, -4.0 + 11.0 * trough + 9.0 * jet * x - 3.0 * y
 
 
 def write_fields(folder, hours):
-    """One file an hour: the date bytes of one hour's messages are changed."""
+    """One file an hour."""
     lat, lon = np.meshgrid(SOUTH + STEP * np.arange(NJ), WEST + STEP * np.arange(NI), indexing="ij")
     last = WEST + STEP * (NI - 1), SOUTH + STEP * (NJ - 1)
     grid = grid_keys("regular_ll", (NI, NJ), (WEST, SOUTH), last)
-    messages, starts = b"", []
-    for level in LEVELS:
-        for name, values in zip("uv", wind(lat, lon), strict=True):
-            starts.append(len(messages))
-            messages += build(grid, values.ravel(), edition=1, parameter=name, level=level)
     folder.mkdir()
-    copy = bytearray(messages)
     for hour in range(hours):
         when = pd.Timestamp(START) + pd.Timedelta(hours=hour)
-        for start in starts:
-            copy[start + 20 : start + 24] = bytes(
-                (when.year - 2000, when.month, when.day, when.hour)
-            )
-        (folder / f"{when:%Y%m%d%H}.grb").write_bytes(copy)
+        stamp = int(f"{when:%Y%m%d}"), int(f"{when:%H}00")
+        messages = [
+            build(grid, values.ravel(), edition=1, parameter=name, level=level, when=stamp)
+            for level in LEVELS
+            for name, values in zip("uv", wind(lat, lon, hour), strict=True)
+        ]
+        (folder / f"{when:%Y%m%d%H}.grb").write_bytes(b"".join(messages))
 
 
 def write_reports(folder, reports, hours, aircraft):
@@ -63,23 +64,29 @@ def write_reports(folder, reports, hours, aircraft):
     for number in range(aircraft):
         slot = (hours - 2) * 3600.0 / legs
         begin = 3600.0 + slot * np.arange(legs)
-        minutes = np.arange(LEG) * min(60.0, 0.8 * slot / LEG)
+        since = np.arange(LEG) * min(60.0, 0.8 * slot / LEG)
+        seconds = begin[:, None] + since
         track, speed = rng.uniform(0, 2 * np.pi, legs), rng.uniform(110.0, 150.0, legs)
         lat0, lon0 = rng.uniform(40.5, 44.5, legs), rng.uniform(-91.0, -84.0, legs)
-        along = speed[:, None] * minutes / 111_195.0
+        along = speed[:, None] * since / 111_195.0
         lat = lat0[:, None] + along * np.cos(track)[:, None]
         middle = np.radians(lat0[:, None] + 0.5 * along * np.cos(track)[:, None])
         lon = lon0[:, None] + along * np.sin(track)[:, None] / np.cos(middle)
-        u, v = wind(lat, lon)
+        height = np.broadcast_to(rng.integers(220, 300, legs)[:, None] * 100, lat.shape)
+        u, v = wind(lat, lon, seconds / 3600.0)
         ground = np.broadcast_to((speed * np.exp(1j * (np.pi / 2 - track)))[:, None], lat.shape)
         error = 1.2 * (rng.normal(size=(2, legs, 1)) + rng.normal(size=(2, legs, LEG)))
         air = ground - (u + error[0]) - 1j * (v + error[1])
-        heading = np.pi / 2 - np.angle(air)
+        epoch = START.astype(np.float64) + seconds
+        field = geomagnetic_field(lat, lon, height * FOOT, epoch)
+        magnetic = np.pi / 2 - np.angle(air) - field.declination
         offset, size, phase = rng.uniform(-1, 1), rng.uniform(0.5, 6), rng.uniform(-np.pi, np.pi)
-        wrong = np.radians(offset + size * np.sin(heading + phase))
+        iron = size * 19_000.0 / field.horizontal  # nT
+        wrong = np.zeros_like(lat)
+        for _ in range(5):  # a function of the indicated heading
+            wrong = np.radians(offset + iron * np.sin(magnetic + wrong + phase))
         sent = ground - air * np.exp(-1j * wrong)
-        stamp = START + (begin[:, None] + minutes).round().astype("timedelta64[s]")
-        height = np.broadcast_to(rng.integers(220, 300, legs)[:, None] * 100, lat.shape)
+        stamp = START + seconds.round().astype("timedelta64[s]")
         direction = np.degrees(np.arctan2(-sent.real, -sent.imag)) % 360
         pieces.append(
             pd.DataFrame(

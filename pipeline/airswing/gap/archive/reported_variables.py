@@ -210,8 +210,17 @@ def last_turn(frame: Frame) -> Floats:
 
 
 def _tracks(frame: Frame) -> tuple[Integers, Booleans, Floats]:
-    """Rows by flight and time, first reports of flights, and unwrapped tracks, degrees."""
+    """Rows by flight and time, first reports of flights, and unwrapped tracks, degrees.
+
+    The velocity over ground at the ends of a flight may have been estimated with the reported wind
+    (`airswing.physics.turns`), of which the residual holds the noise: the next report replaces it.
+    """
     order = np.lexsort((frame.time, frame.flight))
     begins = np.r_[True, np.diff(frame.flight[order]) != 0][: order.size]
-    track = np.arctan2(frame.ground_u, frame.ground_v)[order]
+    ends = np.r_[begins[1:], True][: order.size]
+    nearest = np.arange(order.size)
+    inside = ~begins & ~ends
+    nearest[:-1][begins[:-1] & inside[1:]] += 1
+    nearest[1:][ends[1:] & inside[:-1]] -= 1
+    track = np.arctan2(frame.ground_u, frame.ground_v)[order[nearest]]
     return order, begins, np.degrees(np.unwrap(track))

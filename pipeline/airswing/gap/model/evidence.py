@@ -25,9 +25,10 @@ from airswing.gap.model.terms import BLOCKS, WIDE, Model, Statistics, cluster_fa
 
 Floats = NDArray[Any]
 
-#: Scales of the slab, m/s rms where a candidate acts, from half a knot to three times the noise in
-#: steps of three: half a step off costs 0.1 nat a coefficient.
-SCALES = np.array([0.3, 0.9, 2.7])
+#: Scales of the slab, m/s rms where a candidate acts, from half a knot to `WIDE` in steps of three:
+#: half a step off costs 0.1 nat a coefficient. A scale below an effect's size would favour the
+#: effect divided among several terms.
+SCALES = np.array([0.3, 0.9, 2.7, WIDE])
 #: Least m, m/s: the error that no aircraft is free of.
 SMALL = 0.06
 #: Posterior probability from which an aircraft is stated as affected.

@@ -1,16 +1,17 @@
-"""From reports to a fitted model: noise, sums, search, exchange of identifiers, second pass.
+"""From reports to a fitted model: noise, sums, search, exchange of identifiers, further passes.
 
 Where two aircraft look as if they had exchanged identifiers, the archive with corrected identifiers
 is searched as well, and the labelling with the larger evidence is kept. Where sensor effects
-are large, a second pass is linearised about them: heading and airspeed are corrected by what was
+are large, a further pass is linearised about them: heading and airspeed are corrected by what was
 found, and the effects found are added to the residual as their columns have them, so that what the
-columns do not hold of a large effect is not searched.
+columns do not hold of a large effect is not searched. In a long archive, where the second order of
+an effect would be found for itself, the search ends with that effect and the next pass goes on.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,13 +22,15 @@ from airswing.gap.design import day_field_columns, exogenous, heading_doubt
 from airswing.gap.effects.base import Effect
 from airswing.gap.model.candidates import PARTS, Candidates
 from airswing.gap.model.evidence import Exchange, exchange_evidence
-from airswing.gap.model.refit import Refit, refit, without_errors
+from airswing.gap.model.refit import Refit, of_reports, refit, without_errors
 from airswing.gap.model.selection import search
 from airswing.gap.model.sums import GATE, Sums
 from airswing.gap.model.terms import Model, Term, set_prior
 from airswing.gap.noise import NoiseFit, fit_noise
 
 LOG = logging.getLogger(__name__)
+#: Most passes after the first: each reduces the error of first order by that of the one before.
+PASSES = 4
 
 
 @dataclass
@@ -40,12 +43,36 @@ class Fitted:
     model: Model
     terms: list[Term]
     exchange: Exchange | None = None
+    errors: Floats | None = None
+    """Errors of heading and airspeed that the columns are linear about, as winds (n, 2), m/s."""
+    complete: bool = True
+    """Whether the search did not end early."""
     exact: Refit = field(init=False)
 
     def refit(self, effects: Mapping[str, Effect]) -> None:
         """Fit the terms exactly."""
         sensor = [is_sensor(term, effects) for term in self.terms]
         self.exact = refit(self.frame, self.model, sensor)
+
+    def search(self, effects: Mapping[str, Effect], start: Sequence[Term] = ()) -> None:
+        """Search until nothing is found, or the second order of what was found would be found."""
+
+        def linear(terms: Sequence[Term]) -> bool:
+            model, errors = self.model, np.zeros((self.frame.size, 2))
+            for k, term in enumerate(terms):
+                if is_sensor(term, effects):
+                    columns = model.sums.candidates.raw(term.group.columns)
+                    errors += np.einsum("nck,nk->nc", columns, of_reports(model, k, model.theta))
+            change = errors if self.errors is None else errors - self.errors
+            corrected, _, _ = without_errors(self.frame, change)
+            second = self.frame.residual - corrected.residual - change
+            white = model.sums.whitened(second[:, :, None])[:, 0]
+            evidence = 0.5 * float(white @ model.sums.invert(white)) / model.kappa
+            LOG.debug("log evidence of the second order %.1f", evidence)
+            self.complete = evidence < GATE
+            return self.complete
+
+        self.terms = search(self.model, start=start, linear=linear)
 
 
 def prepared(
@@ -91,14 +118,19 @@ def fit_model(
     """
     fitted = prepared(frame, effects, tables=tables, seed=seed)
     found = _exchange(fitted, effects) if exchanges else None
-    fitted.terms = search(fitted.model)
+    fitted.search(effects)
     if found is not None:
         LOG.debug("exchange %s", found)
         other = _with_exchange(fitted, found, effects, tables, seed)
         if other is not None:
             fitted = other
     fitted.refit(effects)
-    return _linearised(fitted, effects, tables, seed)
+    for _ in range(PASSES):
+        again = _linearised(fitted, effects, tables, seed)
+        if again is fitted:
+            break
+        fitted = again
+    return fitted
 
 
 def _exchange(fitted: Fitted, effects: Mapping[str, Effect]) -> Exchange | None:
@@ -133,7 +165,7 @@ def _with_exchange(
 ) -> Fitted | None:
     frame = exchanged(fitted.frame, found, fitted.model.sums)
     other = prepared(frame, effects, tables=tables, seed=seed, noise=fitted.noise)
-    other.terms = search(other.model)
+    other.search(effects)
     kappa = max(fitted.model.kappa, other.model.kappa)
     gain = total_evidence(other, kappa) - total_evidence(fitted, kappa)
     pairs = fitted.model.sums.A * (fitted.model.sums.A - 1) / 2 * fitted.model.sums.D
@@ -168,9 +200,10 @@ def _linearised(fitted: Fitted, effects: Mapping[str, Effect], tables: bool, see
     acting = size[size > 1e-3 * size.max(initial=0.0)]
     # 1 m/s rms is half a degree at 120 m/s, where first order errs by 0.4 % of the effect; from
     # 2.5 m/s at single reports on it may be taken for gross errors
-    if not acting.size or (np.sqrt((acting**2).mean()) < 1.0 and acting.max() < 2.5):
+    small = not acting.size or (np.sqrt((acting**2).mean()) < 1.0 and acting.max() < 2.5)
+    if fitted.complete and (small or fitted.errors is not None):
         return fitted
-    LOG.debug("second pass")
+    LOG.debug("further pass")
     corrected, _, _ = without_errors(fitted.frame, errors)
     fitted.model.sums.release()
     again = prepared(
@@ -189,7 +222,7 @@ def _linearised(fitted: Fitted, effects: Mapping[str, Effect], tables: bool, see
     again.model.sums.extend()
     groups = {(g.name, g.form, g.dated): g for g in candidates.groups}
     start: list[Term] = []
-    residual: Floats = corrected.residual
+    again.errors = np.zeros_like(errors)
     for k, term in enumerate(terms):
         group = groups.get((term.group.name, term.group.form, term.group.dated))
         if group is None:
@@ -197,9 +230,9 @@ def _linearised(fitted: Fitted, effects: Mapping[str, Effect], tables: bool, see
         start.append(replace(term, group=group))
         if k in sensor:
             columns = candidates.raw(group.columns)
-            residual = residual + exact.response.linear(k, exact.theta, columns)
-    again.model.renew(residual)
-    again.terms = search(again.model, start=start)
+            again.errors += exact.response.linear(k, exact.theta, columns)
+    again.model.renew(corrected.residual + again.errors)
+    again.search(effects, start)
     again.frame, again.exchange = fitted.frame, fitted.exchange
     again.refit(effects)
     return again

@@ -63,18 +63,12 @@ class Response:
         report is changed by the coefficients of its group. ``raw`` are columns (n, 2, k) in place
         of those that the term is fitted by.
         """
-        sums, term = self.model.sums, self.model.terms[k]
         columns = self.raw[k + 1] if raw is None else raw
-        of_report = self._of_reports(k, theta)
+        of_report = of_reports(self.model, k, theta)
         effect = np.einsum("nck,nk->nc", columns, of_report)
         curved = self.curved[k]
         if curved is not None and raw is None:
             effect = effect + np.einsum("nck,nk->nc", curved, of_report**2)
-        if term.start:
-            first = np.full(sums.A, np.iinfo(np.int64).max)
-            for a, day in term.start.items():
-                first[a] = day
-            effect = effect * (sums.day >= first[sums.aircraft])[:, None]
         return np.asarray(effect)
 
     def derivative(self, k: int, theta: Floats) -> Singles:
@@ -82,18 +76,7 @@ class Response:
         curved = self.curved[k]
         if curved is None:
             return self.raw[k + 1]
-        return np.asarray(self.raw[k + 1] + 2 * curved * self._of_reports(k, theta)[:, None])
-
-    def _of_reports(self, k: int, theta: Floats) -> Floats:
-        """Coefficients of the k-th term's raw columns at each report."""
-        model = self.model
-        sums, term = model.sums, model.terms[k]
-        block = np.atleast_2d(theta)[:, model.offsets[k + 1] : model.offsets[k + 2]]
-        coefficients = np.zeros((block.shape[0], sums.A, term.group.size))
-        coefficients[:, list(term.tails)] = block.reshape(block.shape[0], -1, term.group.size)
-        each = coefficients @ term.group.transform.T
-        fold = fold_of_day(sums.D)[sums.day] if block.shape[0] > 1 else np.zeros(sums.n, np.int64)
-        return np.asarray(each[fold, sums.aircraft])
+        return np.asarray(self.raw[k + 1] + 2 * curved * of_reports(self.model, k, theta)[:, None])
 
     def together(self, effects: Sequence[Floats], which: Sequence[int]) -> Floats:
         """Change by several terms, given the first-order change by each, (n, 2) m/s."""
@@ -102,6 +85,21 @@ class Response:
         errors = sum((effects[k] for k in which if self.sensor[k]), nothing)
         corrected, _, _ = without_errors(self.frame, errors)
         return np.asarray(linear + self.frame.residual - corrected.residual)
+
+
+def of_reports(model: Model, k: int, theta: Floats) -> Floats:
+    """Coefficients (n, k) of the k-th term's raw columns at each report; `Response.linear`."""
+    sums, term = model.sums, model.terms[k]
+    block = np.atleast_2d(theta)[:, model.offsets[k + 1] : model.offsets[k + 2]]
+    coefficients = np.zeros((block.shape[0], sums.A, term.group.size))
+    coefficients[:, list(term.tails)] = block.reshape(block.shape[0], -1, term.group.size)
+    each = coefficients @ term.group.transform.T
+    fold = fold_of_day(sums.D)[sums.day] if block.shape[0] > 1 else np.zeros(sums.n, np.int64)
+    of_report = each[fold, sums.aircraft]
+    if term.start:
+        first = np.array([term.start.get(a, sums.D) for a in range(sums.A)])
+        of_report[sums.day < first[sums.aircraft]] = 0.0
+    return np.asarray(of_report)
 
 
 def without_errors(frame: Frame, effect: Floats) -> tuple[Frame, Floats, Floats]:

@@ -8,7 +8,7 @@ replace each other for ever.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -320,8 +320,16 @@ def _to_the_day(model: Model, terms: Sequence[Term], term: Term) -> Term:
     return term
 
 
-def search(model: Model, *, start: Sequence[Term] = ()) -> list[Term]:
-    """Add terms, and replace or remove them, until nothing changes; steps are logged (debug)."""
+def search(
+    model: Model,
+    *,
+    start: Sequence[Term] = (),
+    linear: Callable[[Sequence[Term]], bool] = lambda terms: True,
+) -> list[Term]:
+    """Add terms, and replace or remove them, until nothing changes; steps are logged (debug).
+
+    The search ends early with terms of which the columns are not ``linear`` enough.
+    """
     terms = list(start)
     model.condition(terms)
     learn(model)
@@ -337,6 +345,8 @@ def search(model: Model, *, start: Sequence[Term] = ()) -> list[Term]:
         model.condition(terms)
         terms = refined(model, terms, found[0])
         learn(model)
+        if not linear(terms):
+            break
         terms = revisit(model, terms, ROUNDS)
         learn(model)
         state = frozenset(term.label for term in terms)

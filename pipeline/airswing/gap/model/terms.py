@@ -424,8 +424,8 @@ def _with_factors(
     return replace(found, fleet_inverse=fleet_inverse, factor=factor, fleet_factor=fleet_factor)
 
 
-#: Prior scale, m/s, of the fit that is removed before days' scores are compared.
-WIDE = 2.7
+#: Largest prior scale, m/s: a compass error of 5 degrees and an airspeed of 130 m/s give 8 m/s rms.
+WIDE = 8.1
 #: Days in a cluster; the larger scatter counts: what lasts for days is seen in blocks of four.
 BLOCKS = (1, 4)
 
