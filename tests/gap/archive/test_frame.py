@@ -243,7 +243,8 @@ def turning():
 
 
 def test_turn_of_the_last_two_minutes_last_turn_and_flight_time(turning):
-    recent = [0, 0, 0, 90, 90, 0, -120, -120, 0, -5]
+    # the velocity at an end of a flight may depend on the wind reported there, and is not used
+    recent = [0, 0, 0, 90, 90, 0, -120, -120, 0, 0]
     np.testing.assert_allclose(recent_turn(turning), [*recent, *recent], atol=1e-9)
     last = [0, 0, 0, 90, 90, 90, -120, -120, -120, -120]
     np.testing.assert_allclose(last_turn(turning), [*last, *last], atol=1e-9)
