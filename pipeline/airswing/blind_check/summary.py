@@ -248,9 +248,10 @@ def _draw_identification(axes: Axes, singles: Sequence[Score]) -> None:
     counts = [sum(score["size"] == size for score in singles) for size in sizes]
     labels = [f"{size:g}\n({count})" for size, count in zip(sizes, counts, strict=True)]
     axes.set_xticks(range(len(sizes)), labels)
-    axes.set(title="Single effects", xlabel="size, m/s (cases)", ylabel="share", ylim=(-0.03, 1.05))
+    axes.set(title="Single effects", xlabel="size, m/s (cases)", ylabel="share", ylim=(-0.03, 1.4))
+    axes.set_yticks(np.linspace(0.0, 1.0, 6))
     if sizes:
-        axes.legend(frameon=False)
+        axes.legend(frameon=False, loc="upper left")
 
 
 def _draw_closure(axes: Axes, scores: Sequence[Score]) -> None:
@@ -280,11 +281,12 @@ def _draw_closure(axes: Axes, scores: Sequence[Score]) -> None:
 
 def _draw_reliability(axes: Axes, scores: Sequence[Score]) -> None:
     table = reliability([claim for score in scores for claim in score["claims"]])
-    for _, row in table.iterrows():
+    for k, row in table.iterrows():
         number = int(row["number"])
         reach = np.reshape(_reach(row["right"], number), (2, 1))
         axes.errorbar(row["stated"], row["right"], reach, marker="o", color="C0", capsize=2)
-        axes.annotate(f"{row['number']:.0f}", (row["stated"], 0.0), rotation=90, fontsize=7.5)
+        height = 0.0 if k % 2 else 0.06  # neighbouring bins may be close
+        axes.annotate(f"{number}", (row["stated"], height), ha="center", fontsize=7.5)
     axes.axline((0, 0), slope=1, color="0.6", linewidth=1)
     axes.set(title="Reliability", xlabel="stated probability (claims)", ylabel="share right")
     axes.set(xlim=(0.3, 1.03), ylim=(-0.03, 1.05))
