@@ -281,7 +281,7 @@ def _draw_closure(axes: Axes, scores: Sequence[Score]) -> None:
 
 def _draw_reliability(axes: Axes, scores: Sequence[Score]) -> None:
     table = reliability([claim for score in scores for claim in score["claims"]])
-    for k, row in table.iterrows():
+    for k, (_, row) in enumerate(table.iterrows()):
         number = int(row["number"])
         reach = np.reshape(_reach(row["right"], number), (2, 1))
         axes.errorbar(row["stated"], row["right"], reach, marker="o", color="C0", capsize=2)
