@@ -420,12 +420,20 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
         model.condition(terms)
     second = _second_variable(model, best)
     if second is not None:
-        curves = tuple(
-            candidates.curve(v, PAIRED + (KINDS[v][0] == "circular")) for v in (name, second)
-        )
+        # alone, the first variable may have won against one that it depends on
+        rivals = [rival.partition("|") for _, rival, _ in term.rivals]
+        firsts = [v for v, _, what in rivals if what == known and v in candidates.variables]
+        curve_of = {
+            v: candidates.curve(v, PAIRED + (KINDS[v][0] == "circular"))
+            for v in (name, *firsts, second)
+        }
         weight = float(np.log(len(candidates.variables)))
-        table = Table(curves, best.group.component)
-        pair = _contested(model, terms, best, [table], weight)
+        tables = [
+            Table((curve_of[v], curve_of[second]), best.group.component)
+            for v in dict.fromkeys((name, *firsts))
+            if v != second
+        ]
+        pair = _contested(model, terms, best, tables, weight)
         if pair is not best:
             LOG.debug("~ %s -> %s", describe(best), describe(pair))
             terms = [pair if other is best else other for other in terms]
