@@ -526,10 +526,11 @@ class _Work:
             members, leads = (np.unique(profiles[key]).tolist() for key in ("member", "lead"))
             what = f"no wind meets the lead condition {self.lead!r}"
             found = "leads " + ", ".join(f"{lead / 3600:g} h" for lead in leads)
+            remedy = "Choose one of those found: keys `lead` and `member` of the reference"
             if self.member is not None and self.member not in members:
                 what = f"no wind of ensemble member {self.member}"
                 found = "members " + ", ".join(map(str, members))
-            return InputError(what, field=where, found=found)
+            return InputError(what, field=where, found=found, remedy=remedy)
         if {one["reason"] for one in skipped} == {"no whole GRIB message"}:
             what = "no whole GRIB message in it, and neither NetCDF nor Zarr"
             remedy = "It is damaged, still being written, or of a kind that holds no model winds"

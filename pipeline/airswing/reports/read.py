@@ -162,18 +162,21 @@ def read_each(
         for reason, n in audit.dropped.most_common()
     )
     unread = ", ".join(f"{name} such as {value}" for name, value in audit.examples.items())
+    remedy = "Numbers have a decimal point and no unit"
+    if any("time" in reason for reason in audit.dropped):
+        remedy = (
+            "Times from 1973 to now are ISO 8601 UTC, yyyymmddHH[MM[SS]], seconds since 1970 or "
+            "Julian dates; give another format under reports.columns: "
+            'COLUMN: {name: time, format: "%d.%m.%Y %H:%M"}'
+        )
+    elif set(audit.dropped) == {"not_wanted"}:
+        remedy = "No report has the values that the key `only` asks for"
     raise InputError(
         "no usable report",
         field="reports.files",
         found=f"{audit.read} reports read, dropped for: {reasons}"
         + (f"; cannot be read: {unread}" if unread else ""),
-        remedy=(
-            "Times from 1973 to now are ISO 8601 UTC, yyyymmddHH[MM[SS]], seconds since 1970 or "
-            "Julian dates; give another format under reports.columns: "
-            'COLUMN: {name: time, format: "%d.%m.%Y %H:%M"}'
-            if any("time" in reason for reason in audit.dropped)
-            else "Numbers have a decimal point and no unit"
-        ),
+        remedy=remedy,
     )
 
 
