@@ -5,6 +5,7 @@ from dataclasses import replace
 import dask
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.gap.frames import TAILS, headings_dataset
@@ -16,7 +17,7 @@ from airswing.gap.archive.acceleration import (
     fit_levelling,
     time_since_levelling,
 )
-from airswing.gap.archive.frame import REPORT_FIELDS, Frame
+from airswing.gap.archive.frame import REPORT_FIELDS, Frame, end_of_day, sampled
 from airswing.gap.archive.lattices import direction_lattice, heading_lattices
 from airswing.gap.archive.reported_variables import (
     Variable,
@@ -383,3 +384,27 @@ def test_directions_of_weak_winds_in_steps():
         part = slice(first, first + 100)
         u, v = speed[part] * np.sin(direction[part]), speed[part] * np.cos(direction[part])
         assert direction_lattice(u, v) is None
+
+
+@pytest.mark.parametrize(("days", "kept_days"), [(20, 20), (400, 100)])
+def test_long_archives_are_represented_by_whole_flights_of_dense_days(days, kept_days):
+    """Four aircraft, 60,000 reports in flights of five, of which a quarter is kept."""
+    flight = np.repeat(np.arange(12_000), 5)
+    hour = 24.0 * days * np.arange(3_000) / 3_000
+    seconds = np.tile(np.repeat(hour * 3600.0, 5), 4) + 60.0 * np.tile(np.arange(5), 12_000)
+    archive = xr.Dataset(
+        {
+            "flight": ("report", flight),
+            "time": ("report", np.datetime64("2009-01-01") + seconds.astype("timedelta64[s]")),
+            "row_size": ("aircraft", np.full(4, 15_000)),
+        }
+    )
+    found = sampled(archive, 15_000)
+    assert found.sizes["report"] == pytest.approx(15_000, rel=0.1)
+    assert found["row_size"].sum() == found.sizes["report"]
+    assert (np.unique(found["flight"], return_counts=True)[1] == 5).all()
+    ends = np.timedelta64(int(end_of_day(seconds)), "s")
+    used = np.unique((found["time"].to_numpy() - ends).astype("datetime64[D]"))
+    assert used.size == pytest.approx(kept_days, rel=0.1, abs=2)
+    assert np.ptp(used) > np.timedelta64(int(0.95 * days), "D") - np.timedelta64(2, "D")
+    assert sampled(archive, 60_000) is archive

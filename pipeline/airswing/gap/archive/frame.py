@@ -31,6 +31,9 @@ from airswing.units import DAY, EARTH_RADIUS, Picked
 
 Columns = dict[str, NDArray[Any]]  # arrays of integers and of floats
 
+#: Flights of a day in an archive of which a part is used: three for each of the coefficients of the
+#: large-scale wind of a day (`airswing.gap.design`), which would otherwise hold their noise.
+DENSE = 40
 AIRCRAFT_FIELDS = tuple(
     f"{name}_resolution" for name in ("position", "time", "wind_speed", "wind_direction")
 )
@@ -332,18 +335,44 @@ def _read_columns(
     return tails, values, codes["screening"]
 
 
+def end_of_day(seconds: Floats) -> float:
+    """Second of the day about which, within three hours, fewest reports are made."""
+    hour = np.bincount((np.mod(seconds, DAY) // 3600).astype(np.int64), minlength=24)
+    three = np.convolve(np.r_[hour, hour[:2]], np.ones(3), "valid")
+    return (float(np.argmin(three)) + 1.5) * 3600.0
+
+
 def sampled(headings: xr.Dataset, most: int = 150_000) -> xr.Dataset:
     """Draw whole flights of ragged headings, about ``most`` reports; all if there are no more.
 
-    A report takes 5.7 kB of whitened columns in the memory of a diagnosis. Flights are drawn by a
-    multiplicative hash of their number (Knuth, The Art of Computer Programming, 6.4), independent
-    of the order of reading.
+    A report takes 5.7 kB of whitened columns in the memory of a diagnosis. Days are left out evenly
+    where fewer than `DENSE` flights of each would remain. Flights are drawn by a multiplicative
+    hash of their number (Knuth, The Art of Computer Programming, 6.4), independent of the order of
+    reading.
     """
     total = headings.sizes["report"]
     if total <= most or "flight" not in headings:
         return headings
+    begun = [_departures(block) for block in blocks(headings, ["flight", "time"])]
+    starts = np.concatenate([seconds[begins] for seconds, begins in begun])
+    ends, share = end_of_day(starts), most / total
+    flights = starts.size * share / np.unique((starts - ends) // DAY).size  # of a day
+    days = max(share, min(1.0, flights / DENSE))
     parts = []
-    for block in blocks(headings):
+    for block, (departure, _) in zip(blocks(headings), begun, strict=True):
+        day = (departure - ends) // DAY
+        kept = np.floor((day + 1) * days) > np.floor(day * days)
         hashed = np.asarray(block["flight"].to_numpy(), np.int64) * 2654435761 % 2**32
-        parts.append(some_reports(block, hashed < most / total * 2**32))
+        parts.append(some_reports(block, kept & (hashed < share / days * 2**32)))
     return joined(parts)
+
+
+def _departures(block: xr.Dataset) -> tuple[Floats, Booleans]:
+    """Time of the first report of each report's flight, s since 1970, and which reports are first.
+
+    The reports of a flight are consecutive.
+    """
+    flight = block["flight"].to_numpy()
+    begins = np.r_[True, flight[1:] != flight[:-1]][: flight.size]
+    seconds = block["time"].to_numpy().astype("datetime64[s]").astype(np.float64)
+    return seconds[np.flatnonzero(begins)][np.cumsum(begins) - 1], begins

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.frame import Frame, end_of_day
 from airswing.gap.arrays import Floats, Integers, Singles
 from airswing.gap.model.candidates import Candidates, Group
 from airswing.gap.noise import NoiseFit, whiten
@@ -35,9 +35,7 @@ GATE = 3.0
 
 def days_of(frame: Frame) -> tuple[Integers, Integers, float]:
     """Days with reports, the index of each report's day, and the second of the day they end at."""
-    hour = np.bincount((np.mod(frame.time, DAY) // 3600).astype(np.int64), minlength=24)
-    three = np.convolve(np.r_[hour, hour[:2]], np.ones(3), "valid")
-    ends = (float(np.argmin(three)) + 1.5) * 3600.0
+    ends = end_of_day(frame.time)
     day = np.floor((frame.time - ends) / DAY).astype(np.int64)
     days, index = np.unique(day, return_inverse=True)
     return days, index, ends
