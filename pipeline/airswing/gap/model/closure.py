@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from airswing.gap.archive.reported_variables import RELIABILITY
 from airswing.gap.arrays import Floats, Integers
 from airswing.gap.model.passes import Fitted
 from airswing.gap.model.refit import BLOCK
@@ -87,10 +88,16 @@ def _unseen(fitted: Fitted, claim: Sequence[int]) -> float:
 
     q is the share of an effect's energy that its columns hold: the reliability of inferred context,
     of tables times 0.9 a variable, the share of a sector of two knots that hat functions hold
-    (least squares on sectors at random places; 0.95 of four knots).
+    (least squares on sectors at random places; 0.95 of four knots). Of a step at the median of a
+    normal variable a normal variable with the correlation rho holds (2 / pi arcsin rho)^2.
     """
-    groups = [fitted.terms[k].group for k in claim]
-    held = [g.reliability * (1.0 if g.named else 0.9 ** len(g.variables)) for g in groups]
+    held = []
+    for group in (fitted.terms[k].group for k in claim):
+        share = group.reliability
+        for name in () if group.named else group.variables:
+            squared = RELIABILITY.get(name, 1.0)
+            share *= 0.9 * (2 / np.pi * np.arcsin(np.sqrt(squared))) ** 2 / squared
+        held.append(share)
     return 1.0 / min(held) - 1.0
 
 
