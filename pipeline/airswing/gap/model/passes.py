@@ -4,8 +4,8 @@ Where two aircraft look as if they had exchanged identifiers, the archive with c
 is searched as well, and the labelling with the larger evidence is kept. Where sensor effects
 are large, a further pass is linearised about them: heading and airspeed are corrected by what was
 found, and the effects found are added to the residual as their columns have them, so that what the
-columns do not hold of a large effect is not searched. In a long archive, where the second order of
-an effect would be found for itself, the search ends with that effect and the next pass goes on.
+columns do not hold of a large effect is not searched. A search ends before a candidate with less
+evidence than that second order, and the next pass goes on.
 """
 
 from __future__ import annotations
@@ -54,11 +54,14 @@ class Fitted:
         sensor = [is_sensor(term, effects) for term in self.terms]
         self.exact = refit(self.frame, self.model, sensor)
 
-    def search(self, effects: Mapping[str, Effect], start: Sequence[Term] = ()) -> None:
-        """Search until nothing is found, or the second order of what was found would be found."""
+    def search(
+        self, effects: Mapping[str, Effect], start: Sequence[Term] = (), *, settled: bool = False
+    ) -> None:
+        """Search until nothing is found, or less than the second order of what was found."""
+        model = self.model
 
-        def linear(terms: Sequence[Term]) -> bool:
-            model, errors = self.model, np.zeros((self.frame.size, 2))
+        def second_order(terms: Sequence[Term]) -> float:
+            errors = np.zeros((self.frame.size, 2))
             for k, term in enumerate(terms):
                 if is_sensor(term, effects):
                     columns = model.sums.candidates.raw(term.group.columns)
@@ -67,12 +70,9 @@ class Fitted:
             corrected, _, _ = without_errors(self.frame, change)
             second = self.frame.residual - corrected.residual - change
             white = model.sums.whitened(second[:, :, None])[:, 0]
-            evidence = 0.5 * float(white @ model.sums.invert(white)) / model.kappa
-            LOG.debug("log evidence of the second order %.1f", evidence)
-            self.complete = evidence < GATE
-            return self.complete
+            return 0.5 * float(white @ model.sums.invert(white)) / model.kappa
 
-        self.terms = search(self.model, start=start, linear=linear)
+        self.terms, self.complete = search(model, second_order, start=start, settled=settled)
 
 
 def prepared(
@@ -232,7 +232,7 @@ def _linearised(fitted: Fitted, effects: Mapping[str, Effect], tables: bool, see
             columns = candidates.raw(group.columns)
             again.errors += exact.response.linear(k, exact.theta, columns)
     again.model.renew(corrected.residual + again.errors)
-    again.search(effects, start)
+    again.search(effects, start, settled=fitted.complete)
     again.frame, again.exchange = fitted.frame, fitted.exchange
     again.refit(effects)
     return again

@@ -322,18 +322,22 @@ def _to_the_day(model: Model, terms: Sequence[Term], term: Term) -> Term:
 
 def search(
     model: Model,
+    second_order: Callable[[Sequence[Term]], float],
     *,
     start: Sequence[Term] = (),
-    linear: Callable[[Sequence[Term]], bool] = lambda terms: True,
-) -> list[Term]:
+    settled: bool = False,
+) -> tuple[list[Term], bool]:
     """Add terms, and replace or remove them, until nothing changes; steps are logged (debug).
 
-    The search ends early with terms of which the columns are not ``linear`` enough.
+    ``second_order`` is the log evidence of what the columns of terms leave; a candidate with less
+    may be a part of it. The search ends before such a candidate: whether it is complete, and the
+    terms. The terms of the ``start`` are contested first where an earlier search was complete
+    (``settled``).
     """
     terms = list(start)
     model.condition(terms)
     learn(model)
-    if terms:
+    if terms and settled:
         terms = revisit(model, terms, 1)
     seen: set[frozenset[tuple[object, ...]]] = set()
     for _ in range(MOST):
@@ -341,19 +345,19 @@ def search(
         if not found:
             break
         LOG.debug("+ %s", describe(found[0]))
+        if found[0].score < second_order(terms):
+            return terms, False
         terms = [*terms, found[0]]
         model.condition(terms)
         terms = refined(model, terms, found[0])
         learn(model)
-        if not linear(terms):
-            break
         terms = revisit(model, terms, ROUNDS)
         learn(model)
         state = frozenset(term.label for term in terms)
         if state in seen:
             break
         seen.add(state)
-    return terms
+    return terms, True
 
 
 def learn(model: Model) -> None:
