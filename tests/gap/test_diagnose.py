@@ -65,14 +65,15 @@ def test_one_cycle_on_two_aircraft(iron, quiet):
     assert not report.unknown.present
 
 
-def test_constant_one_and_two_cycles_of_all_aircraft_are_three_names():
+@pytest.mark.parametrize("size", [1.0, 2.0])
+def test_constant_one_and_two_cycles_of_all_aircraft_are_three_names(size):
     """Not one table of the heading, which has more evidence than hard iron alone."""
     effects = []
     for k, (constant, one, two) in enumerate([(0.8, 3.5, 0.3), (-1.2, 1.5, 1.4), (0.4, 2.5, 1.2)]):
         effects += [
-            effect("compass_offset", [k], offset_deg=constant),
-            effect("hard_iron", [k], amplitude_deg=one, phase_deg=57.0 * k),
-            effect("soft_iron", [k], amplitude_deg=two, phase_deg=90.0 + 57.0 * k),
+            effect("compass_offset", [k], offset_deg=size * constant),
+            effect("hard_iron", [k], amplitude_deg=size * one, phase_deg=57.0 * k),
+            effect("soft_iron", [k], amplitude_deg=size * two, phase_deg=90.0 + 57.0 * k),
         ]
     report = diagnose(archive(*effects, seed=6, aircraft=3, days=10), catalogue=SMALL).report
     assert {e.name for e in report.effects} == {"compass_offset", "hard_iron", "soft_iron"}
