@@ -213,7 +213,8 @@ def _tracks(frame: Frame) -> tuple[Integers, Booleans, Floats]:
     """Rows by flight and time, first reports of flights, and unwrapped tracks, degrees.
 
     The velocity over ground at the ends of a flight may have been estimated with the reported wind
-    (`airswing.physics.turns`), of which the residual holds the noise: the next report replaces it.
+    (`airswing.physics.turns`), whose noise is in the residual: that of the nearest report within
+    the flight replaces it.
     """
     order = np.lexsort((frame.time, frame.flight))
     begins = np.r_[True, np.diff(frame.flight[order]) != 0][: order.size]

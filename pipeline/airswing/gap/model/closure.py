@@ -89,7 +89,8 @@ def _unseen(fitted: Fitted, claim: Sequence[int]) -> float:
     q is the share of an effect's energy that its columns hold: the reliability of inferred context,
     of tables times 0.9 a variable, the share of a sector of two knots that hat functions hold
     (least squares on sectors at random places; 0.95 of four knots). Of a step at the median of a
-    normal variable a normal variable with the correlation rho holds (2 / pi arcsin rho)^2.
+    normal variable a normal variable with the correlation rho holds (2 / pi arcsin rho)^2 (Sheppard
+    1899, Phil. Trans. R. Soc. A 192, 101-167).
     """
     held = []
     for group in (fitted.terms[k].group for k in claim):

@@ -329,10 +329,10 @@ def search(
 ) -> tuple[list[Term], bool]:
     """Add terms, and replace or remove them, until nothing changes; steps are logged (debug).
 
-    ``second_order`` is the log evidence of what the columns of terms leave; a candidate with less
-    may be a part of it. The search ends before such a candidate: whether it is complete, and the
-    terms. The terms of the ``start`` are contested first where an earlier search was complete
-    (``settled``).
+    ``second_order`` gives the log evidence of what the columns of terms leave of their effects. A
+    candidate with less may be a part of that, and the search ends before it. The terms of the
+    ``start`` are contested first where the search that found them was complete (``settled``).
+    Returns the terms, and whether the search is complete.
     """
     terms = list(start)
     model.condition(terms)
