@@ -38,13 +38,13 @@ def wind(latitude, longitude, hour):
     return east, -4.0 + 11.0 * trough + 9.0 * jet * x - 3.0 * y
 
 
-def write_fields(folder, hours):
-    """One file an hour."""
+def write_fields(folder, hours, *, step=1):
+    """One file every hour, or every few hours."""
     lat, lon = np.meshgrid(SOUTH + STEP * np.arange(NJ), WEST + STEP * np.arange(NI), indexing="ij")
     last = WEST + STEP * (NI - 1), SOUTH + STEP * (NJ - 1)
     grid = grid_keys("regular_ll", (NI, NJ), (WEST, SOUTH), last)
     folder.mkdir()
-    for hour in range(hours):
+    for hour in range(0, hours, step):
         when = pd.Timestamp(START) + pd.Timedelta(hours=hour)
         stamp = int(f"{when:%Y%m%d}"), int(f"{when:%H}00")
         messages = [

@@ -123,19 +123,6 @@ def collocated(gap_archive):
     return lambda folder: shutil.copytree(results, folder, dirs_exist_ok=True)
 
 
-@pytest.fixture(scope="session")
-def gap_product(gap_archive, collocated, tmp_path_factory):
-    """Output folder of ``airswing gap`` on `gap_archive`."""
-
-    def make(folder):
-        from airswing.workflow import Job, gap_stage
-
-        output = collocated(folder / "out")
-        gap_stage.diagnosis(Job.of(gap_archive, output=output, quiet=True))
-
-    return _once(tmp_path_factory, "gap_product", make) / "out"
-
-
 @pytest.fixture
 def names_only(monkeypatch):
     """Diagnoses without unknown effects, which take most of their time."""

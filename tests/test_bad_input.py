@@ -10,7 +10,6 @@ import resource
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 import yaml
@@ -24,11 +23,10 @@ from tests.forked import forked
 
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
-    """Reports and two sets of model files, and the products of one run over them."""
+    """Reports and model files, and the products of one run over them."""
     folder = tmp_path_factory.mktemp("archive")
     place = perfect.PLACES["ruc_grib1"]
     perfect.write_model(place, folder / "model")
-    perfect.write_model(place, folder / "later", lead=3)
     perfect.write_reports(perfect.fly(place, flights=18), folder / "r.csv")
     path = configure(folder, folder)
     for stage in ("collocate", "fit"):
@@ -78,27 +76,13 @@ TABLES = {
         lambda t: t.assign(time=t["time"].str.replace("2009", "2013")),
         ("no overlap in time", "2013-02-27", "2009-03-01", "references.model"),
     ),
-    "no overlap in space": (
-        lambda t: t.assign(latitude=-t["latitude"]),
-        ("no overlap in space", "model latitude"),
-    ),
-    "all above the model": (
-        lambda t: t.assign(pressure_altitude_ft=45000),
-        ("between the model's levels",),
-    ),
     "all rolled": (lambda t: t.assign(roll_flag="B"), ("screening", "roll 648", "648 reports")),
-    "no wind": (lambda t: t.assign(wind_speed_kt=np.nan), ("missing_wind 648",)),
     "one report": (lambda t: t.iloc[:1], ("no_ground_vector 1",)),
-    "american dates": (
-        lambda t: t.assign(time="02/27/2009 12:00:00"),
-        ("unparsable_time", "02/27/2009 12:00:00", "ISO 8601"),
-    ),
-    "header alone": (lambda t: t.iloc[:0], ("r.csv", "has a header but no reports")),
 }
 
 
 #: What is read and collocated, and of which screening keeps nothing.
-KEPT_NOTHING = ("all rolled", "no wind", "one report")
+KEPT_NOTHING = ("all rolled", "one report")
 
 
 @pytest.mark.parametrize("name", TABLES)
@@ -179,50 +163,17 @@ def test_a_bad_model_file_among_good_ones_is_counted_and_named(archive, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"corrected": ["N999"]}, ("config.yaml", "N999", "S1, S2, S3")),
-        ({"start": "2010-06-01"}, ("field_test", "during")),
-        ({"start": "2008-06-01", "before_start": "2008-01-01"}, ("field_test", "before")),
-    ],
-)
-def test_field_tests_that_cannot_be_evaluated(archive, tmp_path, changes, says):
-    with_products(archive, tmp_path)
-    path = configure(archive, tmp_path, field_test=GROUPS | changes)
-    refused("evaluate", path, says=says)
-
-
-@pytest.mark.parametrize(
     ("content", "says"),
     [
-        (lambda real: b"x" * 300, "not a product"),
-        (lambda real: b"\x89HDF\r\n\x1a\njunk", "a damaged NetCDF file"),
-        (lambda real: real("reports/acars_19990209_14z.nc").read_bytes(), "not a product"),
+        (b"x" * 300, "not a product"),
+        (b"\x89HDF\r\n\x1a\njunk", "a damaged NetCDF file"),
     ],
 )
-def test_a_product_that_is_none(archive, tmp_path, real, content, says):
+def test_a_product_that_is_none(archive, tmp_path, content, says):
     with_products(archive, tmp_path)
     (place,) = (tmp_path / "out/headings").glob("*.nc")
-    place.write_bytes(content(real))
+    place.write_bytes(content)
     refused("fit", configure(archive, tmp_path), says=(place.name, says))
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("hard_irn, tails: all, parameters: {}", ("hard_irn", "hard_iron")),
-        ("hard_iron, tails: all, parameters: {amplitude_deg: .nan}", ("amplitude_deg", "nan")),
-        ("heater_current, tails: all, parameters: {offset_deg: 3}", ("no icing",)),
-        ("hard_iron, tails: [ZZ], parameters: {amplitude_deg: 3, phase_deg: 1}", ("ZZ",)),
-    ],
-    ids=["effect", "not a number", "no icing column", "aircraft"],
-)
-def test_effects_that_cannot_be_simulated(archive, tmp_path, text, says):
-    (tmp_path / "effects.yaml").write_text(f"- {{name: {text}}}")
-    path = configure(archive, tmp_path)
-    words = ("-o", tmp_path / "s.csv", "--effects", tmp_path / "effects.yaml")
-    refused("simulate", path, *words, says=says)
-    assert not (tmp_path / "s.csv").exists()
 
 
 def run_on_a_small_disk(config, message):

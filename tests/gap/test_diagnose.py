@@ -11,6 +11,7 @@ from tests.gap.toy import START, effect, make_frame
 from airswing.errors import InputError
 from airswing.gap.diagnose import attributed, diagnose
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import active_effects
 from airswing.products.whole_files import plain
 
@@ -82,7 +83,9 @@ def test_constant_one_and_two_cycles_of_all_aircraft_are_three_names(size):
 
 def test_products_are_complete_and_serialise(iron):
     frame, made = iron
-    json.dumps(plain(made.report.content()), allow_nan=False)
+    content = plain(made.report.content())
+    read = GapReport.of(json.loads(json.dumps(content, allow_nan=False)))
+    assert plain(read.content()) == content
     assert [w.label for w in made.report.waterfall][-1] == "noise floor"
     heading = made.dataset["heading_map"]
     assert heading.dims == ("aircraft", "octant")

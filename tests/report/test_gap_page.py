@@ -13,6 +13,7 @@ from airswing.report.gap import words
 from airswing.report.gap.figures import gap_figures
 from airswing.report.gap.gap_page import ShownDiagnosis
 from airswing.report.gap.words import headline, parameters_text, verdict
+from airswing.workflow import Job, gap_stage
 from tests.report import gap_factories
 from tests.report.gap_factories import TAILS, content, effect, iron, place
 from tests.report.pages import Drawn, check_figure, check_no_knots, check_page, labels
@@ -241,10 +242,12 @@ def test_the_waterfall_falls_from_before_to_after():
 
 
 @pytest.mark.slow
-def test_the_page_of_a_real_diagnosis_and_the_same_in_a_notebook(gap_product, tmp_path):
+def test_the_page_of_a_real_diagnosis_and_the_same_in_a_notebook(gap_archive, collocated, tmp_path):
     """A diagnosis as the command wrote it: iron on N401, airspeed of N403."""
-    gap, maps = GapReport.read(gap_product / "gap.json"), read_product(gap_product / "gap.nc")
-    written = gap_product / "gap" / "index.html"
+    output = collocated(tmp_path / "out")
+    gap_stage.diagnosis(Job.of(gap_archive, output=output, quiet=True))
+    gap, maps = GapReport.read(output / "gap.json"), read_product(output / "gap.nc")
+    written = output / "gap" / "index.html"
     check_page(written)
     assert write_gap_page(tmp_path / "gap", gap=gap, maps=maps).read_text() == written.read_text()
     assert "ard iron on N401" in verdict(gap) and "TAS scale on N403" in verdict(gap)
