@@ -123,7 +123,7 @@ def test_unreadable_files_are_skipped_and_counted_or_refused(tmp_path):
         read_reports(
             tmp_path / "a.csv", columns={"wind_speed_kt": {"name": "wind_speed_kt", "unit": "hPa"}}
         )
-    with pytest.raises(InputError, match="auto, bufr, dart, flightradar24, g1000"):
+    with pytest.raises(InputError, match="auto, bufr, g1000"):
         read_reports(tmp_path / "a.csv", format="excel")
 
 

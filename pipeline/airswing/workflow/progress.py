@@ -30,26 +30,11 @@ class StageRecord:
     messages: int = 0  # decoded
     reports: int = 0  # matched or handled
     decoding: float = 0.0  # time spent reading and decoding messages, summed over threads, s
-    phases: dict[str, float] = field(default_factory=dict)  # processor time of each phase, s
-    phase: str = ""  # current part of the stage, and the fraction of it that is done
-    _began: tuple[str, float] = ("", 0.0)
-
-    @property
-    def title(self) -> str:
-        """Name of the stage and of its current phase."""
-        return f"{self.name}: {self.phase}" if self.phase else self.name
+    title: str = ""  # shown at the bar
 
     def enter(self, phase: str, done: float) -> None:
-        """Set the current phase (empty at the end) and the fraction of it that is done.
-
-        The time since the last call is that of the phase before.
-        """
-        before, since = self._began
-        now = time.process_time()
-        if before:
-            self.phases[before] = self.phases.get(before, 0.0) + now - since
-        self._began = phase, now
-        self.phase = f"{phase} {done:.0%}" if done else phase
+        """Show the current part of the stage and the fraction of it that is done."""
+        self.title = f"{self.name}: {phase}{f' {done:.0%}' if done else ''}"
 
 
 @dataclass
@@ -71,17 +56,13 @@ class Progress:
 
         The block sets the ``note`` of the record to its result, and its counts.
         """
-        record, began = StageRecord(name), time.perf_counter()
+        record, began = StageRecord(name, title=name), time.perf_counter()
         with self._bar(record):
             yield record
         record.seconds = time.perf_counter() - began
-        record.enter("", 0.0)
         _release_memory()
         self.records.append(record)
         self.say(f"{name:<18} {record.seconds:7.1f} s  {record.note}")
-        if record.phases:
-            parts = (f"{phase} {seconds:.1f} s" for phase, seconds in record.phases.items())
-            self.say(f"  processor time: {', '.join(parts)}")
 
     def accounts(self) -> dict[str, Any]:
         """Cost of the run so far, times in seconds.
@@ -91,15 +72,12 @@ class Progress:
         """
         seconds = sum(record.seconds for record in self.records)
         decoding = sum(record.decoding for record in self.records)
-        stages = [asdict(record) for record in self.records]
-        for stage in stages:
-            del stage["phase"], stage["_began"]
         return {
             "seconds": seconds,
             "threads": self.threads,
             "decoding_seconds": decoding,
             "decoding_share": decoding / (seconds * self.threads) if seconds else 0.0,
-            "stages": stages,
+            "stages": [asdict(record) for record in self.records],
         }
 
     def accounts_text(self) -> str:

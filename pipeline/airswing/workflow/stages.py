@@ -114,10 +114,9 @@ def make_corrected(
 ) -> xr.Dataset:
     """The archive with corrected winds, month by month: ``corrected/2008-07.nc``; lazy."""
     fitted, method = job.ready(fits, FITS), job.config.correction.method
-    folder = product_path(job.output, HEADINGS)
-    if not folder.exists():
-        job.ready(None, HEADINGS)  # raises if missing
-    months = sorted(folder.glob("*.nc")) if folder.is_dir() else [folder]
+    months = sorted((job.output / HEADINGS).glob("*.nc"))
+    if not months:
+        job.ready(None, HEADINGS)  # raises
     title = "Aircraft reports with winds corrected for compass deviation"
     with job.progress.stage("correct") as stage:
         for path in months:

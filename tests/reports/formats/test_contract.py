@@ -16,22 +16,15 @@ from airswing.errors import InputError
 from airswing.reports import read_file
 from airswing.reports.formats import formats
 
-
-def text(content):
-    return lambda path: path.write_text(content)
-
-
 WRITERS = {
     "csv": lambda path: write(path, flight()),
     "parquet": lambda path: flight().to_parquet(path),
     "madis": made,
     "ioda": others.ioda,
     "bufr": bufr_file,
-    "dart": text(others.sequence()),
     "g1000": others.g1000_log,
-    "readsb": text(json.dumps(others.trace())),
+    "readsb": lambda path: path.write_text(json.dumps(others.trace())),
     "mode_s": lambda path: others.saved(path.parent, "jsonl").rename(path),
-    "flightradar24": text(others.GRANULAR),
 }
 NUMBERS = [
     *("latitude", "longitude", "pressure", "pressure_altitude", "wind_speed", "wind_direction"),

@@ -1,4 +1,4 @@
-"""Garmin logs, receivers' traces, Mode-S messages, Flightradar24, DART and IODA."""
+"""Garmin logs, receivers' traces, Mode-S messages and IODA."""
 
 import json
 
@@ -141,73 +141,6 @@ def test_messages_of_one_aircraft_are_merged(tmp_path, kind):
     through_air = 410 * KNOT * np.cos(np.radians(inner["reported_heading"]))
     np.testing.assert_allclose(inner["northward_wind"], 400 * KNOT - through_air, atol=0.1)
     assert set(frame["flight"].astype(str).iloc[1:29]) == {"KLM1"}
-
-
-GRANULAR = """snapshot_id,altitude,heading,latitude,longitude,radar_id,speed,squawk
-1486252800,35000,87,50.0,5.0,12,450,1000
-1486252860,35000,87,50.01,5.18,12,451,1000
-1486252920,0,87,50.01,5.2,12,3,1000
-"""
-PLAYBACK = """Timestamp,UTC,Callsign,Position,Altitude,Speed,Direction
-1486252800,2017-02-05T00:00:00Z,KLM1,"50.0,5.0",35000,450,87
-1486252860,2017-02-05T00:01:00Z,KLM1,"50.01,5.18",35000,451,87
-"""
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "tail"),
-    [("20170205_71_positions.csv", GRANULAR, "20170205_71"), ("k.csv", PLAYBACK, "KLM1")],
-)
-def test_tables_of_flightradar24(tmp_path, name, text, tail):
-    (tmp_path / name).write_text(text)
-    reports = read_reports(tmp_path / name)
-    assert reports["aircraft"].values.tolist() == [tail]
-    assert reports.sizes["report"] == 2
-    np.testing.assert_allclose(reports["pressure_altitude"], 35000 * FOOT)
-    assert np.isnan(reports["eastward_wind"]).all()
-    notes = " ".join(audit_of(reports)["notes"])
-    assert "track over ground" in notes and "none of the 2 reports has a wind" in notes
-
-
-def sequence(kinds="obs_type_definitions"):
-    """Two reports with wind, one with a temperature of its own, one radiosonde."""
-    head = f"""obs_sequence
-{kinds}
-   4
-   41 ACARS_U_WIND_COMPONENT
-   42 ACARS_V_WIND_COMPONENT
-   43 ACARS_TEMPERATURE
-   5 RADIOSONDE_TEMPERATURE
-  num_copies: 1  num_qc: 1
-  num_obs: 6  max_num_obs: 6
-observation
-NCEP QC index
-  first: 1  last: 6
-"""
-    days = (np.datetime64("2008-07-01") - np.datetime64("1601-01-01")).astype(int)
-    values = [(41, 10.0, 0, 4.5), (42, -5.0, 0, 4.5), (43, 250.0, 0, 4.5)]
-    values += [(41, 20.0, 9, 4.6), (42, 1.0, 0, 4.6), (5, 250.0, 0, 4.6)]
-    return head + "".join(
-        f" OBS {number}\n {value}\n {code}.0\n -1 -1 -1\nobdef\nloc3d\n"
-        f" {longitude} 0.7 50000.0 2\nkind\n {kind}\n 43200 {days}\n 2.25\n"
-        for number, (kind, value, code, longitude) in enumerate(values, start=1)
-    )
-
-
-@pytest.mark.parametrize("kinds", ["obs_type_definitions", "obs_kind_definitions"])
-def test_a_dart_observation_sequence(tmp_path, kinds):
-    (tmp_path / "obs_seq.out").write_text(sequence(kinds))
-    frame, audit = read_file(tmp_path / "obs_seq.out")
-    assert audit.dropped == {"other_type": 1}
-    assert frame["tail"].tolist() == ["ACARS", "ACARS"]
-    assert frame["time"].iloc[0] == pd.Timestamp("2008-07-01T12:00")
-    np.testing.assert_allclose(frame["longitude"], np.degrees([4.5, 4.6]) - 360.0)
-    np.testing.assert_allclose(frame["eastward_wind"], [10.0, 20.0])
-    assert frame["wind_qc"].tolist() == [0, 2]
-    assert frame["air_temperature"].tolist()[0] == 250.0
-    assert "do not name the aircraft" in audit.notes()[0]
-    frame, _ = read_file(tmp_path / "obs_seq.out", columns={"tail": {"value": "N1"}})
-    assert frame["tail"].tolist() == ["N1", "N1"]
 
 
 def ioda(path, *, old=False):

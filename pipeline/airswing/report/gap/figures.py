@@ -56,7 +56,6 @@ def gap_figures(
         ("pit", "pit_count" in maps, _pit_figure, maps),
         ("evidence", gap.evidence, _evidence_figure, gap),
         ("probability", gap.evidence, _probability_figure, gap, names_of(maps)),
-        ("autocorrelation", gap.noise.distance_km, _autocorrelation_figure, gap),
     ]
     return {name: partial(function, *given) for name, there, function, *given in entries if there}
 
@@ -392,22 +391,6 @@ def _probability_figure(gap: GapReport, tails: Sequence[str]) -> Figure:
         html.cell_texts(axes, cells, lambda x: f"{x:.2f}".lstrip("0") if x < 0.995 else "1", 0.55)
     figure.colorbar(drawn, ax=axes, label="probability", pad=0.01)
     return figure.say(f"Probability that an aircraft is affected (n = {len(tails)} aircraft).")
-
-
-def _autocorrelation_figure(gap: GapReport) -> Figure:
-    names = ("distance_km", "autocovariance", "autocovariance_model")
-    distance, measured, model = (np.array(getattr(gap.noise, name), float) for name in names)
-    figure, axes = html.panels(3.2)
-    axes.plot(distance, measured, "o", color=INK, markersize=4, label="measured", clip_on=False)
-    axes.plot(distance, model, color=BLUE, label="noise model")
-    html.zero_line(axes, across=True)
-    axes.set_xlim(left=0)
-    axes.set(xlabel="distance along the flight (km)", ylabel="autocovariance of residuals (m²/s²)")
-    axes.legend(loc="upper right")
-    return figure.say(
-        f"Autocovariance of the residuals of a flight, and the noise model ({_reports(gap)}). If "
-        "the line misses the points, the intervals on this page are too wide or too narrow."
-    )
 
 
 def _pit_figure(maps: xr.Dataset) -> Figure:

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from airswing.gap.diagnose import Diagnosis
 from airswing.gap.diagnose import diagnose as _diagnose
-from airswing.gap.result.schema import EffectEntry, GapReport, PlaceEntry
+from airswing.gap.result.schema import GapReport
 from airswing.products.whole_files import write_text
 from airswing.report import html
 from airswing.report.gap import words
@@ -294,7 +294,7 @@ def _statistics_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Sec
         html.folded("Assumptions", assumptions),
         html.folded("Evidence for each effect", *drawn("evidence", "probability")),
         html.folded("Calibration on held-out flights", *calibration),
-        html.folded("Noise model", model, *drawn("autocorrelation")),
+        html.folded("Noise model", model),
     ]
     return html.Section("statistics", "Statistics", lead, parts)
 
@@ -309,18 +309,7 @@ class ShownDiagnosis(Diagnosis):
             return {name: draw() for name, draw in gap_figures(self.report, self.dataset).items()}
 
     def _repr_html_(self) -> str:
-        gap, rows = self.report, []
-        found: list[EffectEntry | PlaceEntry] = [*gap.effects, *gap.unknown.where]
-        for one in found:
-            name = f"unexplained, by {' and '.join(getattr(one, 'variables', ()))}"
-            row = {
-                "effect": plain_name(getattr(one, "name", name)),
-                "aircraft": words.who_text(one, gap.counts.aircraft),
-                "probability": one.probability,
-                "closes": closure_text(one.closure),
-            }
-            rows.append(row)
-        return str(html.paragraph(words.headline(gap)) + html.table(rows))
+        return str(html.listing(words.verdict(self.report).split("\n")))
 
 
 def _shown(find: Callable[P, Diagnosis]) -> Callable[P, ShownDiagnosis]:

@@ -51,8 +51,6 @@ PRODUCTS = {
     "tables.csv": "8-point tables of the fleet (CSV)",
     "swing_cards.pdf": "swing cards, a page for each aircraft with a fit (PDF)",
     "fits.nc": "fits with covariances (NetCDF)",
-    "corrected.nc": "corrected reports (NetCDF)",
-    "headings.nc": "headings and heading errors of every report (NetCDF)",
     "corrected": "corrected reports, a file a month (NetCDF)",
     "headings": "headings and heading errors of every report, a file a month (NetCDF)",
     "ranking.csv": "which aircraft to correct first (CSV)",

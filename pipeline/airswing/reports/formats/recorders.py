@@ -1,11 +1,9 @@
-"""Logs of flight recorders and receivers: Garmin flight decks, Flightradar24, readsb, Mode-S.
+"""Logs of flight recorders and receivers: Garmin flight decks, readsb, Mode-S.
 
 G1000 and relatives (log versions 1.00 to 1.03) write local date and time, and an altitude indicated
 at the setting ``BaroA``; G3X and G5 write names in words with units, then a line of short names.
 Magnetic directions are turned to true north by the IGRF declination. The wind is derived, because
-the deck's wind is smoothed over many seconds. ``heading`` and ``Direction`` of Flightradar24 are
-the track over ground, and its aircraft is the flight. Sources: Garmin, G1000 and G3X Touch pilot's
-guides; Flightradar24, "KML and CSV export tools".
+the deck's wind is smoothed over many seconds. Source: Garmin, G1000 and G3X Touch pilot's guides.
 
 JSON traces of readsb and tar1090 hold one aircraft and day: ``icao``, ``timestamp`` (the epoch) and
 points, each a list of seconds since then, latitude, longitude, barometric altitude (ft) or
@@ -17,7 +15,6 @@ entries of a list or columns of a table, with values directly or within ``bds50`
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import io
 import json
@@ -72,8 +69,6 @@ _NUMBERS = {
 }
 _NEEDED = ("date", "clock", "latitude", "longitude", "heading", "track")
 _HEADER = re.compile(r"(Lcl|UTC|Local) Date")
-_GRANULAR = ("snapshot_id", "altitude", "heading", "latitude", "longitude", "speed")
-_PLAYBACK = ("Timestamp", "UTC", "Callsign", "Position", "Altitude", "Speed", "Direction")
 
 
 def _read_log(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
@@ -160,60 +155,11 @@ def _of_deck(table: pd.DataFrame, tail: str, columns: dict[str, str | None]) -> 
     )
 
 
-def _read_track(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    with opened(path) as file:
-        table = pd.read_csv(file, dtype=str, keep_default_na=False)
-    table.columns = table.columns.str.strip()
-    if set(_PLAYBACK) <= set(table):
-        place = table["Position"].str.split(",", n=1, expand=True).reindex(columns=[0, 1])
-        table = table.assign(latitude=place[0], longitude=place[1]).rename(
-            columns={"Timestamp": "time", "Direction": "heading", "Callsign": "flight"}
-            | {name: name.lower() for name in ("Altitude", "Speed")}
-        )
-    elif set(_GRANULAR) <= set(table):
-        table = table.rename(columns={"snapshot_id": "time", "flight_id": "flight"})
-        table["flight"] = table.get("flight", path.name.split(".")[0].removesuffix("_positions"))
-    else:
-        raise InputError(
-            "is not a table of Flightradar24",
-            found=", ".join(table.columns[:20]),
-            remedy=f"Its columns are {', '.join(_GRANULAR)} or {', '.join(_PLAYBACK)}",
-        )
-    time, blank = parse_times(table["time"])
-    altitude = numbers(table["altitude"], FOOT)
-    flying = ~(altitude <= 0.0)
-    audit.drop("on_ground_or_stale", np.count_nonzero(~flying), unread=True)
-    audit.remark(
-        "tables of Flightradar24 hold the track over ground and the ground speed, but no heading, "
-        "airspeed or wind: only model winds can be added to them"
-    )
-    raw = pd.DataFrame(
-        {
-            "tail": constant_tail(mapping) or table["flight"],
-            "flight": table["flight"],
-            "time": time,
-            "time_blank": blank,
-            "latitude": numbers(table["latitude"]),
-            "longitude": numbers(table["longitude"]),
-            "pressure_altitude": altitude,
-            "ground_speed": numbers(table["speed"], KNOT),
-            "track": numbers(table["heading"]),
-        }
-    )
-    yield raw.loc[flying]
-
-
 def _is_log(start: bytes) -> bool:
     text = start[:4096].decode("latin-1")
     g1000 = all(name in text for name in ("Lcl Date", "Lcl Time", "UTCOfst"))
     g3x = "GPS Ground Track" in text or "Magnetic Heading" in text
     return g1000 or (g3x and _HEADER.search(text) is not None)
-
-
-def _is_track(start: bytes) -> bool:
-    header = start.split(b"\n")[0].decode(errors="replace")
-    names = {name.strip(' "\r') for name in header.split(",")}
-    return is_text(start) and (set(_GRANULAR) <= names or set(_PLAYBACK) <= names)
 
 
 # --- JSON ----------------------------------------------------------------------------------------
@@ -254,8 +200,8 @@ def _read_trace(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     if not flying:
         raise InputError("holds no reports")
     others = [p[8] if len(p) > 8 and isinstance(p[8], dict) else {} for p in flying]
-    place = pd.DataFrame([point[:6] for point in flying]).map(_as_float)
-    other = pd.DataFrame(others, columns=[*_TRACE_NUMBERS, "roll"]).map(_as_float)
+    place = pd.DataFrame([point[:6] for point in flying]).apply(numbers)
+    other = pd.DataFrame(others, columns=[*_TRACE_NUMBERS, "roll"]).apply(numbers)
     yield pd.DataFrame(
         {
             "tail": str(content.get("icao", "")).lstrip("~").upper(),
@@ -273,14 +219,6 @@ def _read_trace(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
             },
         }
     )
-
-
-def _as_float(value: object) -> float:
-    """A number of a JSON document; NaN for any other value."""
-    with contextlib.suppress(OverflowError):
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            return float(value)
-    return float("nan")
 
 
 def _read_messages(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
@@ -334,7 +272,6 @@ def _is_messages(start: bytes) -> bool:
 
 FORMATS = (
     ReportFormat("g1000", _is_log, _read_log, title="a log of a Garmin flight deck"),
-    ReportFormat("flightradar24", _is_track, _read_track, title="a table of Flightradar24"),
     ReportFormat("readsb", _is_trace, _read_trace, title="a JSON trace"),
     ReportFormat("mode_s", _is_messages, _read_messages, title="JSON"),
 )
