@@ -28,53 +28,49 @@ from tests.report.pages import Drawn, check_no_knots, check_page, labels
 
 HEADINGS, FITS, CORRECTED = factories.products()
 STATISTICS = innovation_statistics(HEADINGS, CORRECTED, pools=POOLS)
+EVALUATION = Evaluation(
+    field_test=factories.field_tested(), sensitivity=factories.compared(), innovations=STATISTICS
+)
+PRODUCTS = {"headings": HEADINGS, "fits": FITS, "corrected": CORRECTED, "evaluation": EVALUATION}
+PRODUCTS |= {"summary": {"links": [("notes", "notes.txt")], "configuration": "a.yaml"}}
+BEFORE = dict(matplotlib.rcParams)
 
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
-    """Text and figures of the page with every product, by unit."""
-    tested, compared = factories.field_tested(), factories.compared()
-    evaluation = Evaluation(field_test=tested, sensitivity=compared, innovations=STATISTICS)
-    found = {}
-    folder, given = tmp_path_factory.mktemp("pages"), {"headings": HEADINGS, "fits": FITS}
-    given |= {"corrected": CORRECTED, "evaluation": evaluation}
+    """Text, figures, addresses and file of the page with every product, by unit."""
+    found, folder = {}, tmp_path_factory.mktemp("pages")
+    (folder / "tables.csv").write_text("aircraft\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(html, "Figures", Drawn)
         for units in ("kt", "m/s"):
-            written = report.write_page(folder / units[0], **given, units=units)
-            found[units] = check_page(written)[0], Drawn.last.made
+            written = report.write_page(folder / units[0], **PRODUCTS, units=units)
+            text, page = check_page(written)
+            found[units] = text, Drawn.last.made, page.addresses, written
     return found
 
 
-def test_the_page_is_whole_and_asks_for_nothing_outside(tmp_path):
-    (tmp_path / "tables.csv").write_text("aircraft\n")
-    before = dict(matplotlib.rcParams)
-    written = report.write_page(
-        tmp_path / "report",
-        headings=HEADINGS,
-        fits=FITS,
-        corrected=CORRECTED,
-        summary={"links": [("notes", "notes.txt")], "configuration": "a.yaml"},
-    )
-    assert dict(matplotlib.rcParams) == before
-    assert written == tmp_path / "report" / "index.html"
-    text, found = check_page(written)
-    assert {"../tables.csv", "notes.txt"} <= set(found.addresses)
+def test_the_page_is_whole_and_asks_for_nothing_outside(pages):
+    text, _, addresses, written = pages["kt"]
+    assert dict(matplotlib.rcParams) == BEFORE
+    assert written.name == "index.html"
+    assert {"../tables.csv", "notes.txt"} <= set(addresses)
     assert "5 of 6 aircraft" in text and "falls from" in text
     assert all(name in text for name in TAILS)
     assert "Deviation = A + B sin m" in text and re.search(r"B = [+-]\d\.\d\d ± \d\.\d\d°", text)
     assert not list(written.parent.glob(".index*"))
     first = (written.parent / "figures/fleet.png").read_bytes()
-    (tmp_path / "report/figures/old.png").write_text("of an earlier page")
-    text = report.write_page(tmp_path / "report", headings=HEADINGS, fits=FITS).read_text()
-    assert not (tmp_path / "report/figures/old.png").exists()
+    old = written.parent / "figures/old.png"
+    old.write_text("of an earlier page")
+    text = report.write_page(written.parent, headings=HEADINGS, fits=FITS).read_text()
+    assert not old.exists()
     assert (written.parent / "figures/fleet.png").read_bytes() == first
     for anchor in ("field-test", "sensitivity", "innovations", "ranking", "stability"):
         assert f'<section id="{anchor}">' not in text
 
 
 def test_all_products_become_sections_in_the_unit_that_is_asked_for(pages):
-    tested, (text, _), (metric, _) = factories.field_tested(), pages["kt"], pages["m/s"]
+    tested, text, metric = factories.field_tested(), pages["kt"][0], pages["m/s"][0]
     for anchor in ("field-test", "sensitivity", "innovations"):
         assert f'<section id="{anchor}">' in text
     for name, words in {"": "as a linear difference", "_quadrature": "in quadrature"}.items():
@@ -120,34 +116,32 @@ def test_the_page_names_what_was_left_out_and_why_no_table_may_be_loaded(pages, 
     audit = {"files": 3, "files_skipped": skipped, "similar_tails": [["N401", "n401"]]}
     broken = {"file": "x.grb", "what": "message", "reason": "truncated message", "count": 2}
     models = {"ruc": {"skipped": [broken], "notes": []}}
-    for reading in (json.dumps(audit), "not json"):
-        headings.attrs = {"reading_audit": reading, "reference_audit": json.dumps(models)}
-        text = report.write_page(tmp_path, headings=headings, fits=fits).read_text()
-        words = ["80 (100.0 %) entered", "truncated message", "x.grb"]
-        if reading != "not json":
-            words += ["2 of 5 report files", "a.csv", "b.csv", "n401"]
-        assert all(part in text for part in words)
+    headings.attrs = {"reading_audit": json.dumps(audit), "reference_audit": json.dumps(models)}
+    text = report.write_page(tmp_path, headings=headings, fits=fits).read_text()
+    words = ("80 (100.0 %) entered", "truncated message", "x.grb", "2 of 5 report files", "a.csv")
+    assert all(part in text for part in (*words, "b.csv", "n401"))
     assert "No table may be loaded: implausible reports (2 aircraft)." in text
     assert "Coefficients with" not in text
     row = text[text.index('<td class="words">N401') :].split("</tr>")[0]
     assert row.count("<td>-</td>") == 12 and "±" not in row
 
 
-def test_lazy_products_give_the_same_page(tmp_path):
+def test_lazy_products_give_the_same_page(pages, tmp_path):
     for name, ds in (("headings", HEADINGS), ("corrected", CORRECTED)):
         ds.to_netcdf(tmp_path / f"{name}.nc")
-    eager = report.write_page(tmp_path / "a", headings=HEADINGS, fits=FITS, corrected=CORRECTED)
     with (
         xr.open_dataset(tmp_path / "headings.nc", chunks={"report": 500}) as lazy,
         xr.open_dataset(tmp_path / "corrected.nc") as better,
     ):
-        written = report.write_page(tmp_path / "b", headings=lazy, fits=FITS, corrected=better)
-    assert written.read_text() == eager.read_text()
+        same = PRODUCTS | {"headings": lazy, "corrected": better}
+        text, _, _, eager = pages["kt"]
+        assert report.write_page(eager.parents[1] / "lazy", **same).read_text() == text
 
 
 def test_names_are_escaped_and_a_dollar_sign_begins_no_formula(tmp_path):
     odd = [r"$\frac{1$", "N_1^$2$", "<script>x</script>", "N&1"]
     headings, fits = (ds.assign_coords(aircraft=odd) for ds in factories.few(4))
+    headings.attrs["reading_audit"] = "not json"
     text, _ = check_page(report.write_page(tmp_path, headings=headings, fits=fits))
     assert "N_1^$2$" in text and "<script>x" not in text
     figure = html.empty_figure("x").say("a < b & c (n = 0)")
