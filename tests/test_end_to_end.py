@@ -85,7 +85,7 @@ def whole_units(table):
 
 
 def otherwise(table):
-    """Pressures, m/s, longitudes from 0 to 360, rows in any order and twice, no phase, no flight."""
+    """Pressures, m/s, longitudes from 0 to 360, rows in any order and twice, without phases."""
     values = {"p": perfect.pressure_of(table["pressure_altitude_ft"].to_numpy())}
     values |= {"ff": table["wind_speed_kt"] * perfect.KNOT, "longitude": table["longitude"] % 360}
     bare = table.drop(columns=["pressure_altitude_ft", "wind_speed_kt", "phase", "flight"])
