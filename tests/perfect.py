@@ -217,7 +217,7 @@ def _degrees(name, first, size, step, **more):
     return Place(name, keys, size, step, first, along_grid=False, **more)
 
 
-def _projected(name, kind, crs, first, size, metres, last=None, *, edition=2, along=True, **keys):
+def _projected(name, kind, crs, first, size, metres, last=None, *, edition=2, **keys):
     """Grid of equal steps in metres."""
     steps = ("DiInMetres", "DjInMetres") if kind == "mercator" else ("DxInMetres", "DyInMetres")
     keys = dict.fromkeys(steps, metres) | keys
@@ -225,33 +225,32 @@ def _projected(name, kind, crs, first, size, metres, last=None, *, edition=2, al
         keys |= {"shapeOfTheEarth": 6}
     made = grid_keys(kind, size, first, last, **keys)
     crs = f"{crs} {_SPHERE[edition]}"
-    return Place(name, made, size, (metres, metres), first, crs, edition, along_grid=along)
+    return Place(name, made, size, (metres, metres), first, crs, edition)
 
 
-def _lambert(name, first, lov, latins, *, size=(33, 29), metres=90000, edition=2, along=True):
+def _lambert(name, first, lov, latins, *, size=(33, 29), metres=90000, edition=2):
     keys = {
         "LoVInDegrees": lov % 360,
         "Latin1InDegrees": latins[0],
         "Latin2InDegrees": latins[1],
         "projectionCentreFlag": 128 * (latins[0] < 0),
-        "uvRelativeToGrid": int(along),
+        "uvRelativeToGrid": 1,
     }
     if edition == 2:
         keys["LaDInDegrees"] = latins[0]
     crs = f"+proj=lcc +lat_1={latins[0]} +lat_2={latins[1]} +lat_0={latins[0]} +lon_0={lov}"
-    options = {"edition": edition, "along": along}
-    return _projected(name, "lambert", crs, first, size, metres, **options, **keys)
+    return _projected(name, "lambert", crs, first, size, metres, edition=edition, **keys)
 
 
-def _polar(name, first, lov, *, south=False):
-    sign = -1 if south else 1
+def _polar(name, first, lov):
+    """A grid around the south pole."""
     keys = {
         "orientationOfTheGridInDegrees": lov % 360,
-        "projectionCentreFlag": 128 * south,
+        "projectionCentreFlag": 128,
         "resolutionAndComponentFlags": 8,
-        "LaDInDegrees": 60.0 * sign,
+        "LaDInDegrees": -60.0,
     }
-    crs = f"+proj=stere +lat_0={90 * sign} +lat_ts={60 * sign} +lon_0={lov}"
+    crs = f"+proj=stere +lat_0=-90 +lat_ts=-60 +lon_0={lov}"
     return _projected(name, "polar_stereographic", crs, first, (31, 27), 100000, **keys)
 
 
@@ -276,15 +275,11 @@ PLACES = {
     place.name: place
     for place in (
         _lambert("ruc_grib1", (233.862, 16.281), 265.0, (25.0, 25.0), **RUC),
-        _lambert("ruc_grib2_earth_relative", (240.0, 22.5), 265.0, (25.0, 25.0), along=False),
-        _lambert("australia_lambert_secant", (130.0, -45.0), 145.0, (-20.0, -45.0)),
         _lambert("alaska_lambert_across_180", (165.0, 42.0), 190.0, (50.0, 65.0)),
-        _degrees("fiji_0_360", (165.0, -30.0), (31, 25), (1.0, 1.0)),
         _degrees("alaska_minus180", (-200.0, 50.0), (41, 23), (1.0, 1.0)),
         _degrees("greenwich_global", (0.0, 30.0), (180, 31), (2.0, 1.0), periodic=True),
         _rotated("europe_rotated", (-15.0, -13.0), (10.0, -40.0)),
-        _polar("canada_polar", (235.0, 40.0), 255.0),
-        _polar("southern_polar", (20.0, -60.0), 0.0, south=True),
+        _polar("southern_polar", (20.0, -60.0), 0.0),
         _mercator("fiji_mercator_across_180", (165.0, -32.0), (195.0, -8.0), -20.0),
     )
 }

@@ -58,12 +58,8 @@ def test_stages_one_by_one_and_the_json_summary(
     monkeypatch.setattr("airswing.report.run.page.write_page", lambda *_, **__: "")
     some = {"files": str(root / "data_samples/reports/N40[1-3].csv")}
     path = quickstart_config(here, reports=some)
-    for how, stage, product in (
-        (process, "collocate", "headings"),
-        (airswing, "fit", "fits.nc"),
-        (airswing, "correct", "corrected"),
-    ):
-        done = how(stage, path, "--quiet")
+    for stage, product in (("collocate", "headings"), ("fit", "fits.nc"), ("correct", "corrected")):
+        done = airswing(stage, path, "--quiet")
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.strip().endswith(f"/{product}")
     done = airswing("run", path, "--resume", "--json", "--quiet")

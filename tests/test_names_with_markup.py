@@ -6,7 +6,6 @@ import sys
 
 import matplotlib
 import pandas as pd
-import pytest
 import yaml
 
 from airswing.synthetic.archive import write_archive
@@ -25,10 +24,8 @@ def files_below(folder):
     }
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """A run over names of markup, with all files next to its output noted."""
-    top = tmp_path_factory.mktemp("markup")
+def test_pages_escape_names_and_nothing_is_written_outside_the_output_and_the_cache(tmp_path):
+    top = tmp_path
     data, here, home = top / "data", top / "here", top / "home"
     config = write_archive(data, days=1, aircraft=2, seed=1)
     for folder in (here, home):
@@ -61,19 +58,10 @@ def run(tmp_path_factory):
         | {"MPLCONFIGDIR": matplotlib.get_cachedir()},  # or its list of fonts is made anew
     )
     assert done.returncode == 0, done.stderr
-    return top, before
-
-
-def test_the_pages_escape_what_names_hold(run):
-    top, _ = run
     pages = [path.read_text(encoding="utf-8") for path in (top / "out").rglob("*.html")]
     assert any("&lt;script&gt;alert" in page for page in pages)
     for markup in ("<script>alert", "<img src=x", "<b onclick", "<i>b &", "<u>"):
         assert not any(markup in page for page in pages), markup
-
-
-def test_nothing_is_written_outside_the_output_and_the_cache(run):
-    top, before = run
     after = files_below(top)
     assert not [name for name in after if name.startswith("home/") and "fontlist" not in name]
     places = ("out/", "cache/", "home/")

@@ -6,7 +6,6 @@ impossible values. A failed export ends in one message and status 2, with nothin
 """
 
 import json
-import resource
 from collections import Counter
 from datetime import datetime, timedelta
 
@@ -432,18 +431,3 @@ def test_identifiers_no_format_can_hold(tmp_path, name, to):
 def test_a_variable_that_is_needed_is_named(tmp_path, name):
     with pytest.raises(InputError, match=name):
         export(corrected({"N1": 2}).drop_vars(name), to="obs_domain", path=tmp_path / "f")
-
-
-@pytest.mark.parametrize("to", FORMATS)
-def test_a_full_disk_leaves_nothing(folder, to):
-    write_product(corrected({"N1": 900}), folder / "out/corrected.nc", title="test")
-    before = left(folder)
-    largest = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, largest[1]))
-    try:
-        status, _, result = call("--to", to, "-o", "new/f")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, largest)
-    assert status == 2, result
-    assert "Traceback" not in result and "cannot write the export" in result
-    assert left(folder) == before

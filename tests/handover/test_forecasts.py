@@ -327,22 +327,6 @@ def test_running_mean_by_hand():
     np.testing.assert_allclose(found, [1.0, 1.0, 2.0, 4.0, 4.0, 5.0, np.nan])
 
 
-def test_the_filter_is_optimal_for_the_assumed_model():
-    rng = np.random.default_rng(7)
-    walk = np.cumsum(rng.normal(0.0, math.sqrt(0.1), (400, 200)), axis=1)
-    errors = walk + rng.normal(size=walk.shape)
-
-    def square(bias):
-        return np.mean((errors[:, 30:] - bias[:, 29:-1]) ** 2)
-
-    right = square(kalman_bias(errors, 0.1))
-    assert right < min(square(kalman_bias(errors, ratio)) for ratio in (0.01, 1.0))
-    assert right < square(running_mean(errors, 7))
-    # Innovation variance of the exact filter: steady spread + 0.1 + noise.
-    gain = 0.05 * (math.sqrt(41.0) - 1.0)
-    assert right == pytest.approx(1.0 / (1.0 - gain), rel=0.03)
-
-
 # --- winds at flight levels -------------------------------------------------------------------
 
 

@@ -107,25 +107,6 @@ def test_nothing_is_computed_before_the_result_is(chunks, tmp_path, monkeypatch)
     assert lazy.compute(scheduler="threads").identical(expected)
 
 
-@pytest.mark.slow
-def test_every_scheduler_gives_the_same_bits(tmp_path):
-    from distributed import Client, LocalCluster
-
-    catalogue = hourly(tmp_path)
-    lazy = collocate(random_reports(300), {"m": catalogue, "again": catalogue}, derivatives=True)
-    expected = lazy.compute(scheduler="synchronous")
-    assert np.isfinite(expected.reference_eastward_wind).sum() > 200
-    assert lazy.compute(scheduler="threads").identical(expected)
-    assert lazy.compute(scheduler="processes", num_workers=2).identical(expected)
-    with (
-        LocalCluster(
-            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
-        ) as cluster,
-        Client(cluster),
-    ):
-        assert lazy.compute().identical(expected)
-
-
 def test_wrong_arguments_name_the_right_call(tmp_path):
     catalogue, ds = hourly(tmp_path), reports([1.0])
     with pytest.raises(TypeError, match="reports are an xarray Dataset, not a DataFrame"):

@@ -70,10 +70,3 @@ def field_tested():
 def compared():
     """Content of sensitivity.json."""
     return dict(compare(_products()[0], pools=POOLS, never_pool=["nam"]))
-
-
-def curve(values, heading):
-    """Heading error (degrees) of A..E at headings (degrees)."""
-    m = np.radians(heading)
-    basis = np.stack([np.ones_like(m), np.sin(m), np.cos(m), np.sin(2 * m), np.cos(2 * m)], -1)
-    return (basis * values).sum(-1)

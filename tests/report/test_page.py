@@ -22,6 +22,7 @@ from airswing.report.html import maps
 from airswing.report.run import page
 from airswing.report.run.innovations import innovations_section
 from airswing.report.run.selection import Run
+from tests.compass.flown import curve
 from tests.report import factories
 from tests.report.factories import POOL, POOLS, TAILS
 from tests.report.pages import Drawn, check_no_knots, check_page, labels
@@ -187,7 +188,7 @@ def test_heading_error_figure_draws_the_fit_and_the_table():
     lines = {line.get_label(): line for line in axes.get_lines()}
     fit = FITS.sel(reference="ruc", aircraft="N002")
     x, y = lines["fitted curve"].get_data()
-    assert np.allclose(y, factories.curve(fit["deviation"].to_numpy(), x))
+    assert np.allclose(y, curve(fit["deviation"].to_numpy(), x))
     _, nodes = lines["removed by the 8-point table"].get_data()
     assert nodes.tolist() == (-fit["table_correction"].to_numpy()).tolist()
     refused = report.heading_error_figure(HEADINGS, FITS, "N005", "ruc")

@@ -12,6 +12,7 @@ from airswing.flags import STATUS
 from airswing.report import write_swing_cards
 from airswing.report.run.heading_error import steer, swing_card
 from airswing.report.run.selection import Run
+from tests.compass.flown import curve
 from tests.report import factories
 
 HEADINGS, FITS = factories.few(3, 840)
@@ -69,7 +70,7 @@ def test_a_card_has_what_a_workshop_needs():
     assert all(f"{value + 0.0:+.1f}" in texts("N400") for value in fit["table_correction"].values)
     axes = swing_card(Run(HEADINGS, FITS, "ruc"), "N400").axes[0]
     x, y = {line.get_label(): line for line in axes.get_lines()}["fitted curve"].get_data()
-    assert np.allclose(y, factories.curve(fit["deviation"].to_numpy(), x))
+    assert np.allclose(y, curve(fit["deviation"].to_numpy(), x))
 
 
 def test_cards_say_where_no_table_or_only_a_constant_is_needed():

@@ -85,30 +85,6 @@ def test_pressure_levels_by_hand(name, u, v, dims, real):
     np.testing.assert_allclose(winds(found), by_hand(one, two, level, fi, fj, p), atol=1e-3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "when", "box"),
-    [
-        ("models/earthkit_pl_regular_ll_10deg.grib", "2024-06-03T21", (-90, 90, -180, 180)),
-        ("grib/nam_g211_20180917_00z.grib2", "2018-09-17", (25, 45, -120, -80)),
-    ],
-)
-def test_the_scanner_and_cfgrib_give_the_same_winds(name, when, box, real, tmp_path):
-    """Many cycles and leads in one GRIB file; a Lambert grid whose winds point along it."""
-    lat, lon = RNG.uniform(*box[:2], 200), RNG.uniform(*box[2:], 200)
-    reports = points(lat, lon, RNG.uniform(31000, 99000, 200), start=np.datetime64(when))
-    options = {"name": "m", "cache_dir": tmp_path}
-    models = {
-        engine: airswing.build_catalogue(str(real(name)), engine=engine, **options)
-        for engine in ("grib", "cfgrib")
-    }
-    found = airswing.collocate(reports, models, max_time_gap=6 * 3600.0).compute()
-    assert np.isfinite(found.reference_eastward_wind).all()
-    for way in ("eastward", "northward"):
-        np.testing.assert_allclose(*found[f"reference_{way}_wind"].values, atol=1e-4)
-    np.testing.assert_array_equal(*found.lead_time.values)
-
-
 def test_a_lambert_grid_as_cfgrib_opens_it(real, tmp_path):
     """Latitudes and longitudes of every point, the projection in GRIB attributes."""
     path = str(real("grib/nam_g211_20180917_00z.grib2"))
