@@ -17,7 +17,6 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 import xarray as xr
-from pandas.api.types import union_categoricals
 
 from airswing.errors import InputError
 from airswing.products.whole_files import none_found
@@ -64,12 +63,8 @@ def read_file(
             what = f"{dropped:,} of {audit.read:,} values are impossible{audit.likely(name)}"
             remedy = "Positions are in degrees north and east; map the column with its unit"
             raise InputError(what, file=path, field=name, remedy=remedy)
-    if len(pieces) == 1:
-        return pieces[0], audit
-    labels = {
-        name: union_categoricals([piece[name] for piece in pieces]) for name in ("tail", "flight")
-    }
-    return pd.concat(pieces, ignore_index=True).assign(**labels), audit
+    frame = pd.concat(pieces, ignore_index=True)
+    return frame.astype({"tail": "category", "flight": "category"}), audit
 
 
 def read_reports(

@@ -135,13 +135,12 @@ def _lines(variable: str, scores: dict[str, Any]) -> list[str]:
         stations = scores[method].get("stations")
         if not stations or stations["stations"] == 1:
             continue
-        least, tenth, median, ninetieth, most = stations["rms_ratio_quantiles"]
+        _, tenth, median, ninetieth, most = stations["rms_ratio_quantiles"]
         lines.append(
             f"{variable.replace('_', ' ')}, {label}: rms error over the raw forecast's at "
             f"{stations['stations']:,} stations: median {median:.2f}, 10 to 90 % {tenth:.2f} to "
-            f"{ninetieth:.2f}, range {least:.2f} to {most:.2f} (worst: "
-            f"{stations['worst_station']}); better at {stations['better']:.0%}, beyond the 95 % "
-            f"interval better at {stations['surely_better']:.0%} and worse at "
-            f"{stations['surely_worse']:.0%}"
+            f"{ninetieth:.2f}, worst {most:.2f} ({stations['worst_station']}); better at "
+            f"{stations['surely_better']:.0%} and worse at {stations['surely_worse']:.0%} beyond "
+            "the 95 % interval"
         )
     return lines

@@ -81,23 +81,13 @@ class Progress:
         }
 
     def accounts_text(self) -> str:
-        """The accounts as a table for a terminal."""
+        """The accounts of all stages in one line, as that of a stage."""
         found = self.accounts()
-        lines = ["stage              time (s)  share   MB read  messages     reports"]
-        for record in self.records:
-            read = f"{record.bytes_read / 1e6:,.1f}" if record.bytes_read else ""
-            messages, reports = (f"{n:,}" if n else "" for n in (record.messages, record.reports))
-            share = record.seconds / (found["seconds"] or 1.0)
-            lines.append(
-                f"{record.name:<18} {record.seconds:8.1f} {share:6.1%} "
-                f"{read:>9} {messages:>9} {reports:>11}"
-            )
-        lines.append(
-            f"{'together':<18} {found['seconds']:8.1f}         decoding "
+        return (
+            f"{'together':<18} {found['seconds']:7.1f} s  decoding "
             f"{found['decoding_seconds']:,.1f} s on {self.threads} threads: "
             f"{found['decoding_share']:.1%} of the wall time"
         )
-        return "\n".join(lines)
 
     @contextlib.contextmanager
     def _bar(self, record: StageRecord) -> Iterator[None]:

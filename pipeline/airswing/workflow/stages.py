@@ -372,8 +372,7 @@ def make_sensitivity(
             found = {name: interval_cost(screened, model) for name, model in models.items()}
             costs = {name: rows for name, rows in found.items() if rows}
             stage.note = "; ".join(
-                f"{name} every {row['interval_h']} h: {row['rms_vector_difference_m_s']:.2f} m/s, "
-                f"{row['rms_vector_difference_at_middle_m_s'] or float('nan'):.2f} at the middle"
+                f"{name} every {row['interval_h']} h: {row['rms_vector_difference_m_s']:.2f} m/s"
                 for name, rows in costs.items()
                 for row in rows
             )

@@ -143,6 +143,31 @@ def test_messages_of_one_aircraft_are_merged(tmp_path, kind):
     assert set(frame["flight"].astype(str).iloc[1:29]) == {"KLM1"}
 
 
+def test_directions_and_longitudes_are_interpolated_the_short_way_round(tmp_path):
+    """350 to 10 degrees and across the antimeridian, the message with the heading at 3/4."""
+    rows = [
+        (0.0, -179.9, 350.0, None),
+        (3.0, None, None, 0.0),
+        (4.0, 179.9, 10.0, None),
+        (5.0, None, None, 0.0),
+        (8.0, -179.9, 350.0, None),
+    ]
+    names = ("timestamp", "longitude", "track", "heading")
+    table = pd.DataFrame(rows, columns=names).assign(icao24="4840d6", TAS=400.0)
+    table["timestamp"] += 1484136000.0
+    moving = table["track"].notna()
+    for name, value in {"latitude": 52.0, "altitude": 30000.0, "groundspeed": 400.0}.items():
+        table[name] = np.where(moving, value, np.nan)
+    table.to_csv(tmp_path / "messages.csv", index=False)
+    frame, audit = read_file(tmp_path / "messages.csv")
+    np.testing.assert_allclose(frame["longitude"], [179.95, 179.95])
+    heading = np.radians(frame["reported_heading"])
+    north = frame["northward_wind"] + 400 * KNOT * np.cos(heading)
+    east = frame["eastward_wind"] + 400 * KNOT * np.sin(heading)
+    np.testing.assert_allclose(np.degrees(np.arctan2(east, north)), 5.0, atol=1e-3)
+    assert not any(name.endswith("out_of_range") for name in (*audit.dropped, *audit.repaired))
+
+
 def ioda(path, *, old=False):
     """Three reports of two aircraft, in the groups of today or in names of earlier versions."""
     variables = {

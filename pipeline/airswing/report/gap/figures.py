@@ -55,7 +55,6 @@ def gap_figures(
         ("aircraft_time", "time_line" in maps, _aircraft_figure, maps, gap, "time_line"),
         ("pit", "pit_count" in maps, _pit_figure, maps),
         ("evidence", gap.evidence, _evidence_figure, gap),
-        ("probability", gap.evidence, _probability_figure, gap, names_of(maps)),
     ]
     return {name: partial(function, *given) for name, there, function, *given in entries if there}
 
@@ -367,30 +366,6 @@ def _evidence_figure(gap: GapReport) -> Figure:
         "blue: ambiguous with one found; grey: neither. Effects with similar columns share "
         "evidence, so a long grey bar is no finding."
     )
-
-
-def _probability_figure(gap: GapReport, tails: Sequence[str]) -> Figure:
-    found: dict[str, Floats] = {}
-    for row in gap.evidence:
-        known = len(row.posterior) == len(tails) and row.scope == "aircraft"
-        if known and row.instead_of == row.name:
-            found.setdefault(row.name, np.array(row.posterior, float))
-    if not found:
-        return html.empty_figure("No effect on single aircraft was found")
-    value = np.array(list(found.values()))
-    figure, axes = html.panels(max(1.3 + 0.36 * len(value), 2.1))
-    drawn = axes.imshow(value, cmap="Blues", vmin=0, vmax=1, aspect="auto")
-    # About 80 letters fit side by side.
-    rotation = 90 if len(tails) * max(map(len, tails)) > 80 else 0
-    fontsize = 8.5 if len(tails) <= 30 else 6.0
-    axes.set_xticks(range(len(tails)), tails, rotation=rotation, fontsize=fontsize)
-    axes.set_yticks(range(len(value)), [plain_name(name) for name in found])
-    axes.grid(visible=False)
-    if len(tails) <= 30:
-        cells = np.where(value >= 0.05, value, np.nan)
-        html.cell_texts(axes, cells, lambda x: f"{x:.2f}".lstrip("0") if x < 0.995 else "1", 0.55)
-    figure.colorbar(drawn, ax=axes, label="probability", pad=0.01)
-    return figure.say(f"Probability that an aircraft is affected (n = {len(tails)} aircraft).")
 
 
 def _pit_figure(maps: xr.Dataset) -> Figure:

@@ -117,7 +117,6 @@ def _what_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Section:
             "proba\u00adbility": f"{one.probability:.2f}",
             "closes": closure_text(one.closure, units=units),
             "share of the gap": f"{100 * one.share_of_gap:.0f} %",
-            "ambiguous with": joined([plain_name(name) for name in one.ambiguous_with]) or "-",
         }
         for one in effects
     ]
@@ -125,7 +124,7 @@ def _what_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Section:
         f"Effects found (n = {len(effects)}), the largest share of the gap first. Parameters "
         "with 95 % intervals (±), or the range over aircraft."
     )
-    long = ("effect", "aircraft", "parameters", "ambiguous with")
+    long = ("effect", "aircraft", "parameters")
     none = "No effect of the catalogue is needed to explain these reports."
     parts = [
         words.start_words(gap.known, gap.simulation, units).strip(),
@@ -292,7 +291,7 @@ def _statistics_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Sec
     calibration = html.table(rows, words=[""]), placebo, *drawn("pit")
     parts = [
         html.folded("Assumptions", assumptions),
-        html.folded("Evidence for each effect", *drawn("evidence", "probability")),
+        html.folded("Evidence for each effect", *drawn("evidence")),
         html.folded("Calibration on held-out flights", *calibration),
         html.folded("Noise model", model),
     ]

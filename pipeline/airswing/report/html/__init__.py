@@ -404,9 +404,7 @@ def described(title: str, text: str, smaller: Iterable[str]) -> Markup:
 
 
 def link(address: str, text: str) -> Markup:
-    """Return a link to a relative address; any other address is shown as text without a link."""
-    if ":" in address.split("/")[0] or address.startswith("//"):
-        return Markup("{}").format(text)
+    """Return a link to a relative address."""
     return Markup('<a href="{}">{}</a>').format(address, text)
 
 

@@ -90,8 +90,8 @@ def write_page(
     headings, fits, corrected : Dataset
         Products of docs/formats.md, in memory or lazy.
     summary : mapping, optional
-        ``reference``: the fit of the headline; ``links``: more (label, relative address);
-        ``warnings``: list of str; other plain values are listed under "This run".
+        ``reference``: the fit of the headline; ``warnings``: list of str; other plain values are
+        listed under "This run".
     evaluation : Evaluation, optional
         Sections without content are omitted.
     apart : BeforeAfter, optional
@@ -127,7 +127,7 @@ def write_page(
     }
     columns = {"item": entries, "value": entries.values()}
     sections = [
-        _corrections_section(run, folder, summary),
+        _corrections_section(run, folder),
         found.monitoring and monitoring_section(found.monitoring, show),
         _curves_section(run, show),
         _fleet_section(run, apart, show),
@@ -172,7 +172,7 @@ def _facts(run: Run, total: BeforeAfter | None) -> list[tuple[str, str]]:
     return [*facts, (f"{selection.kept_reports(run.headings):,}", reports)]
 
 
-def _corrections_section(run: Run, folder: Path, summary: Mapping[str, Any]) -> html.Section:
+def _corrections_section(run: Run, folder: Path) -> html.Section:
     meaning = "in degrees to add to the indicated heading"
     if selection.adds_error(run.fits):
         meaning = "the heading error itself, in degrees to subtract from the indicated heading"
@@ -205,16 +205,13 @@ def _corrections_section(run: Run, folder: Path, summary: Mapping[str, Any]) -> 
         "no correction needed" if none else status_words(code)
         for none, code in zip(selection.needs_no_correction(fit), status, strict=True)
     ]
-    words, folding = (
-        ("aircraft", "status"),
-        "The deviation's formula, and offset, amplitude and phase",
-    )
-    there = ((PRODUCTS[one], f"../{one}") for one in PRODUCTS if (folder.parent / one).exists())
-    links = [*there, *summary.get("links", ())]
+    there = [name for name in PRODUCTS if (folder.parent / name).exists()]
+    words = ("aircraft", "status")
+    title = "The deviation's formula, and offset, amplitude and phase"
     parts = [
         html.table(columns, words=words, caption=caption, doubt=~usable, sortable=True),
-        html.folded(folding, *selection.FORMULA),
-        html.listing(html.link(address, label) for label, address in links),
+        html.folded(title, *selection.FORMULA),
+        html.listing(html.link(f"../{name}", PRODUCTS[name]) for name in there),
     ]
     lead = "The table to load into each unit."
     if not usable.any():
@@ -344,11 +341,8 @@ def _before_after_figure(run: Run, apart: BeforeAfter, aircraft: Sequence[str]) 
 
 
 def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
-    reading, total, kept = (
-        tally(headings, "reading_audit"),
-        headings.sizes["report"],
-        selection.kept_reports(headings),
-    )
+    reading = tally(headings, "reading_audit")
+    total, kept = headings.sizes["report"], selection.kept_reports(headings)
     rules = [(rule.replace("_", " "), *rest) for rule, *rest in selection.screening_audit(headings)]
     names, marked, alone = zip(*rules, strict=True) if rules else ((), (), ())
     shares = [f"{100 * number / total:.1f} %" for number in marked]

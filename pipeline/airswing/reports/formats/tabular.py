@@ -297,7 +297,12 @@ def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
         filled = before["value"].where(since <= until, after["value"])
         filled = filled.where(np.minimum(since, until) <= _NEAR)
         both = (since <= _FARTHEST) & (until <= _FARTHEST) & (since + until > 0.0)
-        filled = (before["value"] + step * since / (since + until)).where(both, filled)
+        between = before["value"] + step * since / (since + until)
+        if name == "track":
+            between %= 360.0
+        elif name == "longitude":
+            between = pd.Series(wrap_degrees(between.to_numpy()))
+        filled = between.where(both, filled)
         reports[name] = raw[name].where(np.isfinite(raw[name]), filled)[wanted]
     if "flight" in raw:
         # A callsign is sent every few seconds and applies until another one.
