@@ -27,7 +27,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.errors import InputError
+from airswing.errors import InputError, nearest
 from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
 from airswing.quantities import registry
 from airswing.reports.audit import Audit
@@ -230,12 +230,8 @@ def _resolve(theirs: str, name: str, unit: object = None) -> tuple[str, Source]:
     known = split_name(name)
     if known is None:
         every = [*TEXT, *(quantity.canonical for quantity in QUANTITIES.values())]
-        near = difflib.get_close_matches(name, every, n=3, cutoff=0.5)
-        raise InputError(
-            f"{name!r} is not a canonical column",
-            field=field,
-            remedy=f"Nearest: {', '.join(near)}" if near else "See the list of columns",
-        )
+        what = f"{name!r} is not a canonical column{nearest(name, every)}"
+        raise InputError(what, field=field)
     quantity, unit = known[0], str(unit or known[1])
     if not compatible(unit, quantity.si_unit):
         what = f"{unit!r} is not a unit of {quantity.canonical}"
