@@ -125,12 +125,6 @@ def test_windows_are_those_of_the_calendar_and_state_their_reports(changed, wind
     assert all("offset" not in entry for entry in found)
 
 
-@pytest.mark.parametrize("options", [{"window": "week"}, {"reference": "nam"}])
-def test_an_unknown_window_or_reference_is_named(changed, options):
-    with pytest.raises(InputError, match=next(iter(options.values()))):
-        fit_by_window(changed[0], **RUC | options)
-
-
 # --- the sequential test ----------------------------------------------------------------------
 
 WORLD = World(days_off=0.0)

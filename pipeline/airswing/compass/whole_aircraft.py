@@ -16,7 +16,6 @@ import dask.array as da
 import numpy as np
 import xarray as xr
 from dask.delayed import Delayed, delayed
-from numpy.typing import NDArray
 
 from airswing.products.ragged import aircraft_groups, row_bounds
 
@@ -58,7 +57,7 @@ def lazy_dataset(
             continue
         shape = tuple(sizes.get(str(dim), template.sizes[dim]) for dim in variable.dims)
         values = da.from_delayed(  # type: ignore[no-untyped-call]
-            delayed(_values)(task, name), shape=shape, dtype=variable.dtype
+            task[name].to_numpy(), shape=shape, dtype=variable.dtype
         )
         variables[name] = xr.Variable(variable.dims, values, variable.attrs)
     return _dataset(variables, list(template.coords), template.attrs)
@@ -66,10 +65,6 @@ def lazy_dataset(
 
 def _dataset(variables: Any, coords: list[Hashable], attrs: Any) -> xr.Dataset:
     return xr.Dataset(variables, attrs=attrs).set_coords(coords)
-
-
-def _values(ds: xr.Dataset, name: Hashable) -> NDArray[Any]:
-    return np.asarray(ds[name].to_numpy())
 
 
 def single_task(array: da.Array) -> Delayed:

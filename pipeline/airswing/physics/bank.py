@@ -62,35 +62,26 @@ def bank_at_reports(
     if flagged.sum() < FEWEST or not level.any():
         return bank
     lasting = _lasting(bank, flight)
-    interval = _interval(flight, time)
+    # half the time from the report before to the one after, s; 0 at a flight's ends
+    inside = (flight[2:] == flight[1:-1]) & (flight[1:-1] == flight[:-2])
+    interval = np.zeros(time.size)
+    interval[1:-1][inside] = 0.5 * (time[2:] - time[:-2])[inside]
     chords = _chord_bank(latitude, longitude, interval)
     seen = np.abs(chords) > VISIBLE
     # the part of the angle that was turned at reports flagged as level
     lesser = np.where(level, np.abs(lasting), 0.0)
     spread = np.where(flagged | (level & seen), np.abs(chords) - lesser, 0.0) * interval
+    # no two chords meet at a flight's end: its report gets the part, rad s, of the report on the
+    # other side of the turn
+    end = interval == 0.0
+    first = inside & end[:-2] & flagged[1:-1] & level[2:]
+    last = inside & end[2:] & flagged[1:-1] & level[:-2]
+    unseen = float(np.sum(spread[2:][first]) + np.sum(spread[:-2][last]))
     whole = np.sum(interval[flagged])
-    turned = np.sum(spread) + _unseen(spread, flagged, level, interval, flight)
+    turned = np.sum(spread) + unseen
     mean = float(np.clip(turned / whole, LIMIT, LARGEST)) if whole > 0 else LIMIT
     side = np.where(seen, np.sign(chords), np.sign(bank))
     return np.where(flagged, side * mean, np.where(level, lasting, bank))
-
-
-def _unseen(
-    spread: Floats,
-    flagged: NDArray[np.bool_],
-    level: NDArray[np.bool_],
-    interval: Floats,
-    flight: Integers,
-) -> float:
-    """Part of turns near a flight's ends attributed to its first or last report, rad s.
-
-    No two chords meet there; it is set to the part of the report on the other side of the turn.
-    """
-    end = interval == 0.0
-    one = (flight[:-2] == flight[1:-1]) & (flight[1:-1] == flight[2:])
-    first = one & end[:-2] & flagged[1:-1] & level[2:]
-    last = one & end[2:] & flagged[1:-1] & level[:-2]
-    return float(np.sum(spread[2:][first]) + np.sum(spread[:-2][last]))
 
 
 def _chord_bank(latitude: Floats, longitude: Floats, interval: Floats) -> Floats:
@@ -128,11 +119,3 @@ def _lasting(bank: Floats, flight: Integers) -> Floats:
     one_way = np.abs(np.sign(three).sum(axis=0)) == 3
     # Zero times the bank, so that an unknown bank remains NaN.
     return np.asarray(np.where(one_way, np.sign(bank) * np.minimum(least, LIMIT), 0.0 * bank))
-
-
-def _interval(flight: Integers, time: Floats) -> Floats:
-    """Half the time from the report before to the one after, s; 0 at a flight's ends."""
-    out = np.zeros(time.size)
-    inside = (flight[2:] == flight[1:-1]) & (flight[1:-1] == flight[:-2])
-    out[1:-1][inside] = 0.5 * (time[2:] - time[:-2])[inside]
-    return out

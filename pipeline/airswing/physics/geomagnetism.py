@@ -119,29 +119,21 @@ def _lagrange(position: Array) -> list[Array]:
 
 def _fill_tiles(row: Index, column: Index) -> None:
     """Compute the tiles with a node of the 4 x 4 stencils that begin at these rows and columns."""
+    import ppigrf
+
     needed = np.zeros_like(_FILLED)
     for i in (0, 3):  # a tile is longer than a stencil: its corners are in all its tiles
         for j in (0, 3):
             needed[(row + i) // TILE, (column + j) % COLUMNS // TILE] = True
+    epochs, kilometres = [datetime(year, 1, 1) for year in YEARS], [0.0, TOP_HEIGHT / 1000.0]
     for tile in np.argwhere(needed & ~_FILLED).tolist():
-        rows, columns = (slice(number * TILE, (number + 1) * TILE) for number in tile)
-        _NODES[:, rows, columns] = _igrf_at_nodes(rows.start, columns.start)
+        rows, columns = (np.arange(number * TILE, (number + 1) * TILE) for number in tile)
+        latitude, longitude = FIRST_LATITUDE + STEP * rows, FIRST_LONGITUDE + STEP * columns
+        lat, lon, height = np.meshgrid(latitude, longitude, kilometres, indexing="ij")
+        # all epochs in one call: they share the Legendre functions, which take most of the time;
+        # east, north and up, with dates first and kilometres last
+        east, north, up = ppigrf.igrf(lon, lat, height, epochs)
+        field = np.stack([north, east, -up], axis=-1).reshape(-1, TILE, TILE, 6)
+        nodes = np.concatenate([field[:-1], np.diff(field, axis=0)], axis=-1)
+        _NODES[:, rows[:, np.newaxis], columns] = nodes
         _FILLED[tuple(tile)] = True
-
-
-def _igrf_at_nodes(row: int, column: int) -> Array:
-    """IGRF at the nodes of a tile at each epoch, and its change to the next.
-
-    In one call: most of its time is for the Legendre functions, which all epochs share.
-    """
-    import ppigrf
-
-    steps = np.arange(TILE)
-    latitude = FIRST_LATITUDE + STEP * (row + steps)
-    longitude = FIRST_LONGITUDE + STEP * (column + steps)
-    kilometres = np.array([0.0, TOP_HEIGHT / 1000.0])
-    lat, lon, height = np.meshgrid(latitude, longitude, kilometres, indexing="ij")
-    # east, north and up, with dates first and kilometres last
-    east, north, up = ppigrf.igrf(lon, lat, height, [datetime(year, 1, 1) for year in YEARS])
-    field = np.stack([north, east, -up], axis=-1).reshape(-1, TILE, TILE, 6)
-    return np.concatenate([field[:-1], np.diff(field, axis=0)], axis=-1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,3 +40,18 @@ def hats_not_zero(values: Floats, knots: Floats) -> tuple[Short, Floats]:
     np.clip((values - knots[left]) / np.diff(knots)[left], 0.0, 1.0, out=found[:, 1])
     np.subtract(1.0, found[:, 1], out=found[:, 0])
     return np.stack([left, left + np.int32(1)], axis=1), found
+
+
+def hat_products(values: Sequence[Floats], knots: Sequence[Floats]) -> tuple[Short, Floats]:
+    """Products of the hat functions of several coordinates (n,), each at knots of its axis.
+
+    Places of those that may differ from zero in the grid of all knots, the last coordinate varying
+    first, and their values, each (n, 2^coordinates); the values at a place add up to one.
+    """
+    index, value = np.zeros((len(values[0]), 1), dtype=np.int32), np.ones((len(values[0]), 1))
+    for coordinate, nodes in zip(values, knots, strict=True):
+        left, share = hats_not_zero(coordinate, nodes)
+        index = (index * np.int32(nodes.size))[:, :, np.newaxis] + left[:, np.newaxis]
+        value = value[:, :, np.newaxis] * share[:, np.newaxis]
+        index, value = index.reshape(len(index), -1), value.reshape(len(value), -1)
+    return index, value

@@ -234,13 +234,6 @@ def build_catalogue(
         work.sources = [SourceFile(f"Dataset {name}", 0, 0, "")]
         work.given = {work.sources[0].path: files}
         return work.catalogue(GIVEN)
-    if not isinstance(files, str | os.PathLike) and not (
-        isinstance(files, Sequence) and all(isinstance(one, str | os.PathLike) for one in files)
-    ):
-        raise TypeError(
-            "build_catalogue takes paths, patterns, URLs or a Dataset, not "
-            f'{type(files).__name__}: build_catalogue("{name}/*.grb", name="{name}")'
-        )
     work.sources = identified(find_files(files, name), work.skipped)
     work.refuse_if_strict()
     used = _engine(work.sources, where) if engine == "auto" else engine
@@ -293,16 +286,17 @@ def _engine(sources: Sequence[SourceFile], where: str) -> str:
 
 def catalogues_of(references: object) -> dict[str, Catalogue]:
     """Catalogues of references, some of which may be given as Datasets."""
-    right = 'collocate(reports, {"ruc": build_catalogue("ruc/*.grb", name="ruc")})'
-    if not isinstance(references, Mapping) or isinstance(references, xr.Dataset):
-        kind = type(references).__name__
-        raise TypeError(f"references are a mapping from names, not a {kind}: {right}")
+    if (
+        not isinstance(references, Mapping)
+        or isinstance(references, xr.Dataset)
+        or not all(isinstance(one, Catalogue | xr.Dataset) for one in references.values())
+    ):
+        raise TypeError(
+            "references are a mapping from names to catalogues or Datasets: "
+            'collocate(reports, {"ruc": build_catalogue("ruc/*.grb", name="ruc")})'
+        )
     if not references:
         raise InputError("no reference given", field="references")
-    for name, one in references.items():
-        if not isinstance(one, Catalogue | xr.Dataset):
-            kind = type(one).__name__
-            raise TypeError(f"reference {name!r} is a {kind}, no catalogue or Dataset: {right}")
     return {
         str(name): one if isinstance(one, Catalogue) else build_catalogue(one, name=str(name))
         for name, one in references.items()

@@ -21,6 +21,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from airswing.errors import InputError
+from airswing.physics.splines import hat_products
 from airswing.products.ragged import aircraft_of_report
 
 Floats = NDArray[np.float64]
@@ -131,9 +132,12 @@ def _nodes(place: Floats) -> list[Floats]:
 
 def _field(data: pd.DataFrame, axes: list[Floats]) -> Floats:
     """Both components at the nodes, shape (2, nodes)."""
-    basis = _basis(data[[*_PLACE]].to_numpy().T, axes)
+    index, share = hat_products([*data[[*_PLACE]].to_numpy().T], axes)
+    rows, nodes = np.arange(len(data)), int(np.prod([axis.size for axis in axes]))
+    start = np.append(rows, rows.size) * index.shape[1]
+    basis = sparse.csr_matrix((share.ravel(), index.ravel(), start), (rows.size, nodes))
     aircraft = data["aircraft"].to_numpy()
-    nodes, owners, rows = basis.shape[1], int(aircraft.max()) + 1, np.arange(len(data))
+    owners = int(aircraft.max()) + 1
     heading, airspeed = np.radians(data["reported_heading"]), data["reported_airspeed"]
     u, v = airspeed * np.sin(heading), airspeed * np.cos(heading)
     # wind = ground vector - air vector: its change if the air vector is turned or stretched
@@ -165,23 +169,6 @@ def _field(data: pd.DataFrame, axes: list[Floats]) -> Floats:
         limit = HUBER * max(float(np.median(rest)) / 0.6745, 1e-6)
         weight = plain * np.minimum(1.0, limit / np.maximum(rest, 1e-9))
     return np.asarray(found[: 2 * nodes].reshape(2, nodes) + middle[:, np.newaxis])
-
-
-def _basis(place: Floats, axes: list[Floats]) -> sparse.csr_matrix:
-    """Multilinear weights of the nodes at every report, shape (report, nodes)."""
-    size = place.shape[1]
-    index, weight = np.zeros((size, 1), dtype=np.int64), np.ones((size, 1))
-    for values, axis in zip(place, axes, strict=True):
-        step = axis[1] - axis[0]
-        left = np.clip(((values - axis[0]) / step).astype(np.int64), 0, axis.size - 2)
-        share = (values - axis[left]) / step
-        both = np.stack([left, left + 1], axis=1)
-        part = np.stack([1.0 - share, share], axis=1)
-        index = (index[:, :, None] * axis.size + both[:, None]).reshape(size, -1)
-        weight = (weight[:, :, None] * part[:, None]).reshape(size, -1)
-    rows = np.repeat(np.arange(size), index.shape[1])
-    nodes = int(np.prod([axis.size for axis in axes]))
-    return sparse.csr_matrix((weight.ravel(), (rows, index.ravel())), (size, nodes))
 
 
 def _bends(sizes: list[int]) -> sparse.csr_matrix:

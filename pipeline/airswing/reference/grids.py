@@ -124,38 +124,17 @@ class Frame:
         """
         if self.north_up:
             return np.zeros_like(latitude)
-        if cone := _cone(self.proj) if self.kind == "projected" else None:
-            return np.asarray(cone[0] * np.radians(wrap_degrees(longitude - cone[1])))
-        return self._numeric_convergence(latitude, longitude)
-
-    def _numeric_convergence(self, latitude: Floats, longitude: Floats) -> Floats:
+        if self.kind == "projected":
+            factors = _proj(self.proj).get_factors(wrap_degrees(longitude), latitude)
+            return np.asarray(np.radians(factors.meridian_convergence))
+        # PROJ gives no factors of a rotated pole
         north, south = np.minimum(latitude + _NORTH_STEP, 90.0), latitude - _NORTH_STEP
         (x1, y1), (x0, y0) = self.xy(north, longitude), self.xy(south, longitude)
-        dx, dy = x1 - x0, y1 - y0
-        if self.kind == "rotated":
-            dx = wrap_degrees(dx) * np.cos(np.radians((y0 + y1) / 2.0))
-        return np.asarray(np.arctan2(-dx, dy))
+        dx = wrap_degrees(x1 - x0) * np.cos(np.radians((y0 + y1) / 2.0))
+        return np.asarray(np.arctan2(-dx, y1 - y0))
 
 
 LONGITUDE_LATITUDE = Frame()
-
-
-@lru_cache(maxsize=64)
-def _cone(proj: str) -> tuple[float, float] | None:
-    """Cone constant and central meridian (degrees) of a conic or polar projection, else None.
-
-    There the convergence is the cone constant times the longitude from the central meridian
-    (Snyder 1987, equation 14-4; 1 for polar stereographic projections).
-    """
-    words = (word.removeprefix("+").partition("=") for word in proj.split())
-    found = {key: value for key, _, value in words}
-    kind, centre = found.get("proj"), float(found.get("lat_0", "0"))
-    if kind != "lcc" and not (kind == "stere" and abs(centre) == 90.0):
-        return None
-    meridian = float(found.get("lon_0", "0"))
-    latitude = np.array([-45.0 if centre < 0.0 else 45.0])
-    quarter = Frame("projected", proj)._numeric_convergence(latitude, np.array([meridian + 90.0]))
-    return float(quarter[0]) / (np.pi / 2.0), meridian
 
 
 def rotated_frame(pole_latitude: float, pole_longitude: float, turned: float = 0.0) -> Frame:

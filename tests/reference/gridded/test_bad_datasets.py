@@ -32,7 +32,7 @@ CASES = {
     "u alone": (base().drop_vars("v"), "no wind"),
     "speed only": (
         changed(base().rename(u="ws").drop_vars("v"), "ws", **SPEED),
-        "wind speed without components",
+        "no wind.*no u or v at all",
     ),
     "no levels": (base().isel(level=0, drop=True), "no wind"),
     "no time": (base().isel(time=0, drop=True), "no time axis"),

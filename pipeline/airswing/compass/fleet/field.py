@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from airswing.physics.splines import hats_not_zero
+from airswing.physics.splines import hat_products
 from airswing.physics.triangle import wrap_degrees
 from airswing.units import METRES_PER_DEGREE
 
@@ -272,18 +272,6 @@ def _eastward(longitude: Array, origin: tuple[float, float]) -> Array:
     return np.asarray(wrap_degrees(longitude - origin[0]) * origin[1])
 
 
-def _product(values: tuple[Array, ...], nodes: tuple[Array, ...]) -> tuple[Short, Array]:
-    """Products of the hat functions of every coordinate; the values at a place add up to one."""
-    index = np.zeros((values[0].size, 1), dtype=np.int32)
-    value = np.ones((values[0].size, 1))
-    for coordinate, knots in zip(values, nodes, strict=True):
-        left, share = hats_not_zero(coordinate, knots)
-        index = (index * np.int32(knots.size))[:, :, np.newaxis] + left[:, np.newaxis]
-        value = value[:, :, np.newaxis] * share[:, np.newaxis]
-        index, value = index.reshape(len(index), -1), value.reshape(len(value), -1)
-    return index, value
-
-
 @dataclass(frozen=True)
 class Variances:
     """Variances of the parts of a block's mean residual, (m/s)2 for each component."""
@@ -335,7 +323,7 @@ class Stretch:
         for value in (piece, aircraft, cell):
             change[1:] |= value[1:] != value[:-1]
         segments, segment = np.unique(cell, return_inverse=True)
-        node, share = _product((latitude, east), basis.passing)
+        node, share = hat_products((latitude, east), basis.passing)
         # number the nodes that have blocks, segment by segment
         present = np.zeros((segments.size, basis.passing_size), dtype=np.bool_)
         present[segment[:, np.newaxis], node] = True
@@ -343,7 +331,7 @@ class Stretch:
         nodes = int(place[:, -1].max()) + 1
         node = place[segment[:, np.newaxis], node]
         node += (segment * nodes).astype(np.int32)[:, np.newaxis]
-        lasting, lasting_share = _product((latitude, east, log_pressure), basis.lasting)
+        lasting, lasting_share = hat_products((latitude, east, log_pressure), basis.lasting)
         mean = np.full((piece.size, 1), basis.lasting_size, dtype=np.int32)
         return cls(
             weight,

@@ -381,15 +381,8 @@ def fit_by_window(
     on; options as for :func:`airswing.compass.fit.deviation.fit_deviation`. One entry for each
     aircraft and window with reports, sorted: ``aircraft``, ``window`` (its first day), ``reports``,
     ``status`` and, where the fit is published, ``offset``, ``amplitude``, ``phase`` and ``A`` to
-    ``E``, each with ``*_standard_error``; degrees. InputError for an unknown window or reference.
+    ``E``, each with ``*_standard_error``; degrees.
     """
-    if window not in ("month", "quarter") or reference not in pools:
-        raise InputError(
-            "cannot fit by window",
-            field="window" if reference in pools else "reference",
-            found=window if reference in pools else reference,
-            remedy=f"month or quarter; known references: {', '.join(pools)}",
-        )
     members = list(pools[reference])
     mean = {reference: members} if len(members) > 1 else {}
     step = 1 if window == "month" else 3

@@ -33,18 +33,8 @@ _GRID_LENGTHS = 10.0, 6e7  # shortest grid length and largest extent of a projec
 _STEP_TOLERANCE = 0.02  # of a step: increments are written to a few digits only
 #: Names of GRIB2 grid templates and GRIB1 representation types, for messages.
 _NAMES = {
-    2: {
-        **{4: "variable resolution latitude/longitude", 12: "transverse Mercator"},
-        **{31: "Albers equal area", 50: "spherical harmonics", 90: "space view"},
-        **{100: "triangular icosahedral", 101: "unstructured", 150: "HEALPix"},
-        **{204: "curvilinear orthogonal", 32768: "rotated Arakawa E staggered"},
-    },
-    1: {
-        **{6: "space view of the pole", 8: "Albers equal area", 13: "oblique Lambert"},
-        **{20: "stretched latitude/longitude", 24: "stretched Gaussian"},
-        **{50: "spherical harmonics", 60: "rotated spherical harmonics", 90: "space view"},
-        **{201: "Arakawa semi-staggered E", 202: "Arakawa filled E", 203: "Arakawa staggered E"},
-    },
+    2: {50: "spherical harmonics", 101: "unstructured", 150: "HEALPix", 32768: "Arakawa E"},
+    1: {50: "spherical harmonics", 201: "Arakawa E", 202: "Arakawa E", 203: "Arakawa E"},
 }
 #: Bytes of the sections, by edition and grid.
 _SHORTEST = {

@@ -74,20 +74,6 @@ class Axes(NamedTuple):
     crs: dict[str, object] | None  # attributes of the grid mapping
 
 
-def unstructured(dimension: str) -> InputError:
-    """The error for winds on an unstructured grid."""
-    return InputError(
-        "winds on an unstructured grid (one dimension of cells)",
-        field=dimension,
-        remedy="Interpolate to latitude and longitude first, for instance with cdo remapbil",
-    )
-
-
-def cell_dimension(ds: xr.Dataset) -> str:
-    """Dimension of the cells of an unstructured grid, empty if there is none."""
-    return next((str(d) for d, size in ds.sizes.items() if size > 1 and _CELLS.match(str(d))), "")
-
-
 def axes_of(ds: xr.Dataset, name: str, naming: Naming) -> Axes:
     """Dimensions of a variable."""
     import metpy.xarray  # noqa: F401  (registers the accessor)
@@ -146,7 +132,11 @@ def _horizontal(
         y, x = named.get("y", found["latitude"]), named.get("x", found["longitude"])
     cells = next((str(d) for d in parsed.dims if _CELLS.match(str(d))), "")
     if cells or (y is not None and x is not None and y.ndim == 1 and y.dims == x.dims):
-        raise unstructured(cells or str(parsed.dims[-1]))
+        raise InputError(
+            "winds on an unstructured grid (one dimension of cells)",
+            field=cells or str(parsed.dims[-1]),
+            remedy="Interpolate to latitude and longitude first, for instance with cdo remapbil",
+        )
     last = [d for d in parsed.dims[-2:] if _PROJECTED.match(str(d)) and d in parsed.coords]
     if (y is None or x is None) and len(last) == 2:  # recognised only by name and order, y before x
         y, x = (parsed.coords[d] for d in last)
@@ -355,14 +345,9 @@ def _stamps(one: xr.DataArray) -> Ints | None:
         days = pd.to_datetime(known.astype(int).astype(str), format="%Y%m%d", errors="coerce")
         return _nanoseconds(days + pd.to_timedelta(np.rint(known % 1 * 86400), unit="s"), values)
     if values.dtype.kind == "O" and values.size and hasattr(values.ravel()[0], "calendar"):
-        calendar = str(values.ravel()[0].calendar)
-        if calendar == "360_day":
-            raise InputError(
-                "times of a calendar of 360 days, which observations do not use",
-                field=str(one.name),
-                found=calendar,
-                remedy="Use winds of real dates",
-            )
+        if values.ravel()[0].calendar == "360_day":
+            what, remedy = "times of a calendar of 360 days", "Use winds of real dates"
+            raise InputError(what, field=str(one.name), remedy=remedy)
         dates = [np.datetime64(date.isoformat(), "ns") for date in values.ravel()]
         return np.array(dates).reshape(values.shape).astype(np.int64)
     return _written(one, values) if _TIME.match(str(one.name)) and values.size else None

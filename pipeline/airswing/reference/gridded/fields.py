@@ -25,12 +25,10 @@ from airswing.reference.gridded.axes import (
     MISSING,
     Axes,
     axes_of,
-    cell_dimension,
     coordinate,
     grid_of_axes,
     spread,
     times_of,
-    unstructured,
 )
 from airswing.reference.gridded.datasets import NOTES, SKIPPED
 from airswing.reference.gridded.naming import (
@@ -40,7 +38,6 @@ from airswing.reference.gridded.naming import (
     components,
     factor_of,
     required_factor,
-    speed_only,
     written_units,
 )
 from airswing.reference.gridded.wrf import X, Y, grids_of_wrf, is_wrf, layout_of, times_of_wrf
@@ -188,12 +185,12 @@ class Gathering:
 
     def _add_dataset(self, ds: xr.Dataset) -> None:
         """Wind fields of a CF Dataset, and the variables of their pressure."""
-        naming, candidates = self.naming, components(ds, self.naming)
+        naming = self.naming
         for (what, reason), count in ds.encoding.get(SKIPPED, {}).items():
             self._skip(what, reason, count)
         chosen: dict[tuple[int, bool], Component] = {}
         native: list[str] = []
-        for one in candidates:
+        for one in components(ds, naming):
             variable = ds[one.name]
             others = [(str(key), other.attrs) for key, other in variable.coords.items()]
             others += [(str(dim), {}) for dim in variable.dims if dim not in variable.coords]
@@ -237,12 +234,6 @@ class Gathering:
                     self._add_variable(ds, name, PRESSURE, axes, levels)
             elif short in ("sp", "lnsp"):
                 self._add_variable(ds, name, SURFACE, axes_of(ds, name, naming), None)
-        if not candidates:
-            if cells := cell_dimension(ds):
-                raise unstructured(cells)
-            if speed := speed_only(ds):
-                remedy = "Winds are needed as u and v"
-                raise InputError("a wind speed without components", field=speed, remedy=remedy)
 
     def _add_variable(
         self, ds: xr.Dataset, name: str, kind: int, axes: Axes, levels: Levels | None

@@ -125,16 +125,6 @@ def along_grid(one: xr.DataArray, naming: Naming) -> tuple[bool | None, str]:
     return standard in along, f"standard_name {standard}"
 
 
-def speed_only(ds: xr.Dataset) -> str:
-    """Name of a wind speed in a Dataset without components, empty if there is none."""
-    for key in ds.data_vars:
-        standard = str(ds[key].attrs.get("standard_name", ""))
-        name = f"{key} {ds[key].attrs.get('long_name', '')}".lower()
-        if standard == "wind_speed" or ("wind" in name and "speed" in name):
-            return str(key)
-    return ""
-
-
 def factor_of(text: object, kind: str) -> float | None:
     """Factor from a unit to the SI unit (angles: degrees) of a kind of quantity.
 
