@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
-from typer.core import TyperCommand
 
 from airswing.version import __version__
 
@@ -257,21 +256,7 @@ def monitor(
     workflow.events_said(job, len(found.events))
 
 
-class _WithFormats(TyperCommand):
-    """Lists the export formats at the end of its help; they are imported only then."""
-
-    # typer imports both from a private module that differs between releases
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help."""
-        from airswing.handover.export import FORMATS
-
-        # \b: lines that are not joined to a paragraph
-        known = (f"  {name}: {summary}." for name, (_, summary) in FORMATS.items())
-        self.epilog = "\n".join(["\b", "FORMAT is one of", *known])
-        super().format_help(ctx, formatter)
-
-
-@app.command(cls=_WithFormats)
+@app.command()
 def export(
     config: ConfigPath,
     to: Annotated[str, typer.Option(help="Format to write; see below.", metavar="FORMAT")],
@@ -311,7 +296,17 @@ def export(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Export the corrected winds for WRF, WRFDA, GSI or JEDI."""
+    """Export the corrected winds for WRF, WRFDA, GSI or JEDI.
+
+    \b
+    FORMAT is one of
+      obs_domain: reports for WRF's observation nudging.
+      little_r: reports for OBSPROC, to WRFDA.
+      ob_ascii: reports for WRFDA, each with its error.
+      obs_errors: wind errors for OBSPROC and WRFDA (obserr.txt).
+      jedi: errors by aircraft and pressure for JEDI (CSV).
+      reject_list: a GSI reject list without the aircraft whose corrected winds pass.
+    """  # noqa: D301
     from airswing import workflow
     from airswing.config_file import with_handover
     from airswing.handover.export import as_text

@@ -82,11 +82,38 @@ class Reports(_Section):
         return {**self.columns, **{name: {"only": values} for name, values in self.only.items()}}
 
 
-class Reference(_Section):
+class Naming(_Section):
+    """Names and metadata of model winds that a Dataset's attributes do not give; all optional."""
+
+    u: str | None = None  # variables of the wind components
+    v: str | None = None
+    time: str | None = None  # coordinates
+    level: str | None = None
+    latitude: str | None = None
+    longitude: str | None = None
+    x: str | None = None
+    y: str | None = None
+    pressure: str | None = None  # variable of the pressure on native levels
+    surface_pressure: str | None = None  # of hybrid levels, or its logarithm
+    winds: str | None = None  # "grid" or "earth": the direction of the components
+    # PROJ or WKT string, or attributes of a CF grid mapping
+    projection: str | dict[str, object] | None = None
+    units: dict[str, str] = {}  # by variable, if absent or wrong
+
+    def given(self) -> list[str]:
+        """Keys that are given."""
+        return [key for key in Naming.model_fields if getattr(self, key)]
+
+    def named(self) -> list[tuple[str, str]]:
+        """Keys that name variables or coordinates, and these names."""
+        keys = [key for key in self.given() if key not in ("winds", "projection", "units")]
+        return [*((key, getattr(self, key)) for key in keys), *(("units", n) for n in self.units)]
+
+
+class Reference(Naming):
     """Files, lead times and ensemble member of one model's winds.
 
-    The names (`u` to `units`) state metadata that a file lacks. Engine `fleet` has no files: the
-    wind is computed from the aircraft's reports.
+    Engine `fleet` has no files: the wind is computed from the aircraft's reports.
     """
 
     files: Strings = []
@@ -94,19 +121,7 @@ class Reference(_Section):
     lead: Annotated[str, AfterValidator(_checked_lead)] = "any"
     member: int | None = Field(None, ge=0, le=1_000_000)
     on_bad_file: Literal["skip", "fail"] = "skip"
-    u: str | None = None
-    v: str | None = None
-    time: str | None = None
-    level: str | None = None
-    latitude: str | None = None
-    longitude: str | None = None
-    x: str | None = None
-    y: str | None = None
-    pressure: str | None = None
-    surface_pressure: str | None = None
     winds: Literal["grid", "earth"] | None = None
-    projection: str | dict[str, str | float | list[float]] | None = None
-    units: dict[str, str] = {}
 
     @model_validator(mode="after")
     def _has_files(self) -> Reference:
@@ -116,8 +131,7 @@ class Reference(_Section):
 
     def naming(self) -> dict[str, object]:
         """Names and metadata of the files' variables that the configuration states."""
-        kept = self.model_dump(exclude={"files", "engine", "lead", "member", "on_bad_file"})
-        return {name: value for name, value in kept.items() if value is not None}
+        return {key: getattr(self, key) for key in self.given()}
 
 
 class Collocation(_Section):

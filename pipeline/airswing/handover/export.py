@@ -24,18 +24,14 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Writer = Callable[[Request], dict[str, Any]]
-FORMATS: dict[str, tuple[Writer, str]] = {
-    "jedi": (write_jedi, "errors by aircraft and pressure for JEDI (CSV)"),
-    "little_r": (write_little_r, "reports for OBSPROC, to WRFDA"),
-    "ob_ascii": (write_ob_ascii, "reports for WRFDA, each with its error"),
-    "obs_domain": (write_obs_domain, "reports for WRF's observation nudging"),
-    "obs_errors": (write_obs_errors, "wind errors for OBSPROC and WRFDA (obserr.txt)"),
-    "reject_list": (
-        write_reject_list,
-        "a GSI reject list without the aircraft whose corrected winds pass",
-    ),
+FORMATS: dict[str, Writer] = {
+    "jedi": write_jedi,
+    "little_r": write_little_r,
+    "ob_ascii": write_ob_ascii,
+    "obs_domain": write_obs_domain,
+    "obs_errors": write_obs_errors,
+    "reject_list": write_reject_list,
 }
-"""Writer and summary of each format."""
 SHOWN = 5  # files, and aircraft, named in the text for a person
 
 
@@ -131,7 +127,7 @@ def export(
             overwrite,
             None if product is None else product.parent,
         )
-        return Findings({"format": to, "winds": winds, **FORMATS[to][0](request)})
+        return Findings({"format": to, "winds": winds, **FORMATS[to](request)})
 
 
 def as_text(result: dict[str, Any]) -> str:

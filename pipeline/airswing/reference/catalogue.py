@@ -21,6 +21,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.config import Naming
 from airswing.errors import InputError
 from airswing.quantities import lead_condition
 from airswing.reference.files import (
@@ -38,7 +39,6 @@ from airswing.reference.grib.headers import FIELD_DTYPE, FileContents, contents_
 from airswing.reference.grib.values import GribReader, probes_of
 from airswing.reference.gridded.datasets import ENGINES, DatasetReader, engine_of, opened
 from airswing.reference.gridded.fields import Gathering
-from airswing.reference.gridded.naming import Naming
 from airswing.reference.grids import Floats, Grid
 from airswing.reference.winds import (
     GIVEN,
@@ -226,7 +226,7 @@ def build_catalogue(
     if engine not in ENGINES:
         remedy = "Engines are " + ", ".join(ENGINES)
         raise InputError("no such engine", field=f"{where}.engine", found=engine, remedy=remedy)
-    naming = Naming(**naming) if isinstance(naming, Mapping) else naming or Naming()  # type: ignore[arg-type]
+    naming = Naming(**naming) if isinstance(naming, Mapping) else naming or Naming()
     if naming.winds not in (None, "grid", "earth"):
         raise InputError("must be grid or earth", field=f"{where}.winds", found=naming.winds)
     work = _Work(name, naming, lead, member, on_bad_file == "fail", cache_dir)

@@ -20,10 +20,11 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.config import Naming
 from airswing.errors import InputError
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.gridded.datasets import GRID, quiet
-from airswing.reference.gridded.naming import Naming, factor_of, required_factor
+from airswing.reference.gridded.naming import factor_of, required_factor
 from airswing.reference.grids import (
     LONGITUDE_LATITUDE,
     PROJECTION_REMEDY,

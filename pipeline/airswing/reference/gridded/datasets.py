@@ -28,13 +28,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.config import Naming
 from airswing.errors import InputError
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.damaged_netcdf import require_sound
 from airswing.reference.files import Reader, SourceFile, identify, is_url, kind_of, local_path
 from airswing.reference.grib.grid_sections import MAX_POINTS
 from airswing.reference.grib.headers import LENGTHS, GarbageError, single_fields, whole_messages
-from airswing.reference.gridded.naming import Naming, components
+from airswing.reference.gridded.naming import components
 from airswing.reference.gridded.wrf import is_wrf
 from airswing.reference.grids import Floats
 from airswing.reference.state import grib_statistic

@@ -19,6 +19,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.config import Naming
 from airswing.errors import InputError
 from airswing.reference.files import Skipped, skip
 from airswing.reference.gridded.axes import (
@@ -33,7 +34,6 @@ from airswing.reference.gridded.axes import (
 from airswing.reference.gridded.datasets import NOTES, SKIPPED
 from airswing.reference.gridded.naming import (
     Component,
-    Naming,
     along_grid,
     components,
     factor_of,

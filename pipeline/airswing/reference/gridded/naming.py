@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import NamedTuple
 
 import xarray as xr
 
+from airswing.config import Naming
 from airswing.errors import InputError
 
 EARTH = ({"eastward_wind"}, {"northward_wind"})
@@ -36,35 +36,6 @@ _LONG = tuple(
 )
 _ALIASES = {"mb": "millibar", "mbar": "millibar", "mbars": "millibar", "hpascal": "hPa"}
 _KINDS = {"wind": "m/s", "pressure": "Pa", "length": "m", "angle": "degree", "time": "s"}
-
-
-@dataclass(frozen=True)
-class Naming:
-    """Names and meanings that a Dataset's attributes do not give; all optional."""
-
-    u: str | None = None  # variables of the wind components
-    v: str | None = None
-    time: str | None = None  # coordinates
-    level: str | None = None
-    latitude: str | None = None
-    longitude: str | None = None
-    x: str | None = None
-    y: str | None = None
-    pressure: str | None = None  # variable of the pressure on native levels
-    surface_pressure: str | None = None  # of hybrid levels, or its logarithm
-    winds: str | None = None  # "grid" or "earth": the direction of the components
-    # PROJ or WKT string, or attributes of a CF grid mapping
-    projection: str | dict[str, object] | None = None
-    units: dict[str, str] = field(default_factory=dict)  # by variable, if absent or wrong
-
-    def named(self) -> list[tuple[str, str]]:
-        """Keys that name variables or coordinates, and these names."""
-        keys = [key for key in self.given() if key not in ("winds", "projection", "units")]
-        return [*((key, getattr(self, key)) for key in keys), *(("units", n) for n in self.units)]
-
-    def given(self) -> list[str]:
-        """Keys that are given."""
-        return [one.name for one in fields(self) if getattr(self, one.name)]
 
 
 class Component(NamedTuple):
