@@ -17,7 +17,7 @@ from pathlib import Path
 import eccodes
 import numpy as np
 import xarray as xr
-from tests.reference.builders import build
+from tests.reference.builders import PARALLELS, build, grid_keys
 
 from airswing.guarded import guarded
 from airswing.reference.catalogue import build_catalogue
@@ -27,13 +27,9 @@ NI, NJ = 451, 337
 LEVELS = np.arange(100, 1001, 25)
 REPORTS = 2000  # an hour
 START = np.datetime64("2009-08-01T00:00", "ns")
-LAMBERT = {
-    **{"gridType": "lambert", "Nx": NI, "Ny": NJ, "DxInMetres": 13545, "DyInMetres": 13545},
-    **{"latitudeOfFirstGridPointInDegrees": 16.281, "LoVInDegrees": 265.0},
-    **{"longitudeOfFirstGridPointInDegrees": 233.862, "uvRelativeToGrid": 1},
-    **{"Latin1InDegrees": 25.0, "Latin2InDegrees": 25.0},
-    **{"iScansNegatively": 0, "jScansPositively": 1},
-}
+METRES = {"DxInMetres": 13545, "DyInMetres": 13545}
+CORNER = (233.862, 16.281)
+LAMBERT = grid_keys("lambert", (NI, NJ), CORNER, **PARALLELS, **METRES, uvRelativeToGrid=1)
 PACKINGS = {
     "GRIB1 simple": "grid_simple",
     "GRIB2 complex": "grid_complex_spatial_differencing",

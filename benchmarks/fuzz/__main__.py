@@ -3,20 +3,17 @@
     python -m benchmarks.fuzz --cases 10000 --seed 7
     python -m benchmarks.fuzz --replay results/fuzz/case-7-1234.json
 
-Cases run in a process with limits of memory and time, whole commands among them. The table counts
-by kind tracebacks, processes ended by a signal, hangs, half-written files, messages that are too
-long, impossible winds, and values that differ though a checksum covers them. Such cases are kept
-for replay; the exit status is then 1.
+Cases run in a process with limits of memory and time (`airswing.guarded`), whole commands among
+them. The table counts by kind tracebacks, processes that ended or hang, half-written files,
+messages that are too long, impossible winds, and values that differ though a checksum covers them.
+Such cases are kept for replay; the exit status is then 1.
 """
 
 import argparse
 import json
 import os
 import random
-import selectors
 import shutil
-import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -24,11 +21,11 @@ from collections import Counter, defaultdict
 from pathlib import Path
 
 from benchmarks.fuzz.seeds import GRIBS, make_seeds
+from benchmarks.fuzz.targets import answer
 
-CASE_SECONDS = 60
-COLUMNS = (
-    *("traceback", "signal", "hang", "half-written", "long message", "absurd winds", "silent"),
-)
+from airswing.guarded import WorkerEndedError, guarded
+
+COLUMNS = (*("traceback", "ended", "half-written", "long message", "absurd winds", "silent"),)
 """Outcomes that must not occur."""
 SHARES = {
     **dict.fromkeys(GRIBS, 40),
@@ -46,50 +43,6 @@ LONG = {
     "whole command",
 }
 """Kinds of which a case runs a command or more: a few tenths of a second to some seconds."""
-ROOT = Path(__file__).resolve().parents[2]
-
-
-class Worker:
-    """A process that runs cases, started again where one ends it."""
-
-    def __init__(self, seeds, cache):
-        self._seeds, self._cache = seeds, cache
-        self._process = None
-
-    def _started(self):
-        if self._process is None or self._process.poll() is not None:
-            paths = os.pathsep.join([str(ROOT / "pipeline"), str(ROOT)])
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "benchmarks.fuzz.targets", str(self._seeds)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-                cwd=ROOT,
-                env=os.environ
-                | {"AIRSWING_CACHE": str(self._cache), "OMP_NUM_THREADS": "1", "PYTHONPATH": paths},
-            )
-        return self._process
-
-    def run(self, kind, seed, folder):
-        """Run one case; the end or a hang of the process is an answer too."""
-        process = self._started()
-        assert process.stdin is not None and process.stdout is not None
-        process.stdin.write(f"{kind}\t{seed}\t{folder}\n")
-        process.stdin.flush()
-        with selectors.DefaultSelector() as ready:
-            ready.register(process.stdout, selectors.EVENT_READ)
-            if not ready.select(timeout=CASE_SECONDS * (3 if kind == "whole command" else 1)):
-                self.end(signal.SIGKILL)
-                return {"end": "hang", "what": f"over {CASE_SECONDS} s"}
-        line = process.stdout.readline()
-        if not line:
-            return {"end": "signal", "what": f"ended with {process.wait()}"}
-        return dict(json.loads(line))
-
-    def end(self, how=signal.SIGTERM):
-        if self._process is not None:
-            self._process.send_signal(how)
-            self._process.wait()
 
 
 def drawn(cases, seed, shares=SHARES):
@@ -105,26 +58,25 @@ def campaign(cases, kept):
         folder = Path(name)
         os.environ["AIRSWING_CACHE"] = str(folder / "seeds" / "run" / "cache")
         seeds = make_seeds(folder / "seeds")
-        paths = folder / "seeds.json"
-        paths.write_text(json.dumps({kind: str(path) for kind, path in seeds.items()}))
-        worker = Worker(paths, folder / "cache")
-        try:
-            for number, (kind, seed) in enumerate(cases):
-                if number and number % 1000 == 0:
-                    print(f"  {number:,} cases", file=sys.stderr, flush=True)
-                place = folder / "case"
-                shutil.rmtree(place, ignore_errors=True)
-                place.mkdir()
-                found = worker.run(kind, seed, place)
-                table[kind][found["end"]] += 1
-                if found["end"] in COLUMNS:
-                    print(f"  {kind} {seed}: {found}", file=sys.stderr, flush=True)
-                    if kept is not None:
-                        shutil.copytree(place, kept / f"case-{seed}", dirs_exist_ok=True)
-                        content = json.dumps({"kind": kind, "seed": seed, **found})
-                        (kept / f"case-{seed}.json").write_text(content)
-        finally:
-            worker.end()
+        # workers inherit these
+        os.environ |= {"AIRSWING_CACHE": str(folder / "cache"), "OMP_NUM_THREADS": "1"}
+        for number, (kind, seed) in enumerate(cases):
+            if number and number % 1000 == 0:
+                print(f"  {number:,} cases", file=sys.stderr, flush=True)
+            place = folder / "case"
+            shutil.rmtree(place, ignore_errors=True)
+            place.mkdir()
+            try:
+                found = guarded(answer, kind, seed, seeds, place)
+            except WorkerEndedError as error:
+                found = {"end": "ended", "what": str(error)}
+            table[kind][found["end"]] += 1
+            if found["end"] in COLUMNS:
+                print(f"  {kind} {seed}: {found}", file=sys.stderr, flush=True)
+                if kept is not None:
+                    shutil.copytree(place, kept / f"case-{seed}", dirs_exist_ok=True)
+                    content = json.dumps({"kind": kind, "seed": seed, **found})
+                    (kept / f"case-{seed}.json").write_text(content)
     return table
 
 

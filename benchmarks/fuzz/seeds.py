@@ -9,26 +9,16 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 import yaml
-from tests.reference.builders import build
+from tests.reference.builders import PARALLELS, SOUTHWARD, build, grid_keys
 
 NI, NJ = 20, 18
 LEVELS = np.array([550.0, 650.0, 750.0])
 WHEN = np.datetime64("2009-09-16T09:00", "ns")
-LAMBERT = {
-    "gridType": "lambert",
-    **{"Nx": NI, "Ny": NJ, "DxInMetres": 50000, "DyInMetres": 50000},
-    **{"latitudeOfFirstGridPointInDegrees": 38.7, "longitudeOfFirstGridPointInDegrees": 268.8},
-    **{"LoVInDegrees": 265.0, "Latin1InDegrees": 25.0, "Latin2InDegrees": 25.0},
-    **{"iScansNegatively": 0, "jScansPositively": 1, "uvRelativeToGrid": 1},
-}
-LATLON = {
-    "gridType": "regular_ll",
-    **{"Ni": NI, "Nj": NJ},
-    **{"latitudeOfFirstGridPointInDegrees": 46.5, "longitudeOfFirstGridPointInDegrees": 268.0},
-    **{"latitudeOfLastGridPointInDegrees": 38.0, "longitudeOfLastGridPointInDegrees": 277.5},
-    **{"iDirectionIncrementInDegrees": 0.5, "jDirectionIncrementInDegrees": 0.5},
-    **{"iScansNegatively": 0, "jScansPositively": 0, "uvRelativeToGrid": 0},
-}
+METRES = {"DxInMetres": 50000, "DyInMetres": 50000}
+LAMBERT = grid_keys("lambert", (NI, NJ), (268.8, 38.7), **PARALLELS, **METRES, uvRelativeToGrid=1)
+LATLON = grid_keys(
+    "regular_ll", (NI, NJ), (268.0, 46.5), (277.5, 38.0), **SOUTHWARD, uvRelativeToGrid=0
+)
 GRIBS = {
     "grib1 simple": (1, LAMBERT, "grid_simple", False),
     "grib1 simple, bitmap": (1, LATLON, "grid_simple", True),
@@ -193,13 +183,9 @@ def _model_levels(path):
 
 def _gaussian(path):
     """A global Gaussian grid of 32 x 64 points, three levels."""
-    grid = {"gridType": "regular_gg", "N": 16, "Ni": 64, "Nj": 32, "iDirectionIncrement": 5625000}
-    grid |= {
-        "latitudeOfFirstGridPointInDegrees": 85.760587,
-        "latitudeOfLastGridPointInDegrees": -85.760587,
-        "longitudeOfFirstGridPointInDegrees": 0.0,
-        "longitudeOfLastGridPointInDegrees": 354.375,
-    }
+    corners = (0.0, 85.760587), (354.375, -85.760587)
+    grid = grid_keys("regular_gg", (64, 32), *corners, N=16, **SOUTHWARD)
+    grid |= {"iDirectionIncrement": 5625000}
     y, x = np.mgrid[0:32, 0:64]
     made = [
         build(

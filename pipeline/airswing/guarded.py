@@ -50,6 +50,8 @@ class _Process(SpawnProcess):
         with _START_LOCK:
             main, daemon = sys.modules["__main__"], config.get("daemon")
             sys.modules["__main__"], config["daemon"] = ModuleType("__main__"), False
+            # a process that was itself started by another waits at its end for all but daemons
+            self.daemon = True
             try:
                 super().start()
             finally:

@@ -60,24 +60,20 @@ class Variable:
         return found
 
 
-def _read() -> list[Variable]:
-    with TABLE.open(encoding="ascii", newline="") as file:
-        return [
-            Variable(
-                name=row["name"],
-                units=row["units"],
-                long_name=row["long_name"],
-                dims=tuple(row["dimensions"].split()),
-                dtype=row["type"],
-                step=2.0 ** int(row["log2_step"]) if row["log2_step"] else None,
-                standard_name=row["standard_name"],
-                flags=getattr(flags, row["flags"]) if row["flags"] else None,
-            )
-            for row in csv.DictReader(file)
-        ]
-
-
-_LINES = _read()
+with TABLE.open(encoding="ascii", newline="") as _file:
+    _LINES = [
+        Variable(
+            name=row["name"],
+            units=row["units"],
+            long_name=row["long_name"],
+            dims=tuple(row["dimensions"].split()),
+            dtype=row["type"],
+            step=2.0 ** int(row["log2_step"]) if row["log2_step"] else None,
+            standard_name=row["standard_name"],
+            flags=getattr(flags, row["flags"]) if row["flags"] else None,
+        )
+        for row in csv.DictReader(_file)
+    ]
 VARIABLES: dict[str, Variable] = {line.name: line for line in reversed(_LINES)}
 """Every variable by name; the first of several lines of one name."""
 _BY_DIMS = {(line.name, line.dims): line for line in reversed(_LINES)}

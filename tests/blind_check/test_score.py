@@ -9,7 +9,7 @@ from tests.blind_check.made_up import claim, gap, place
 
 from airswing.blind_check import score_case, targets
 from airswing.blind_check.score import date_error, parameter_errors, standardised_errors
-from airswing.blind_check.summary import check_figure, confusion, of_default, reliability, wilson
+from airswing.blind_check.summary import check_figure, confusion, of_default, reliability
 from airswing.errors import InputError
 from airswing.synthetic.sealed.labels import open_seal, seal
 
@@ -180,8 +180,6 @@ def test_reliability_by_hand():
     claims = [("name", 0.97, True)] * 18 + [("name", 0.97, False)] * 2 + [("unknown", 0.6, True)]
     table = reliability(claims)
     assert table["right"].tolist() == [1.0, 0.9] and table["number"].tolist() == [1, 20]
-    low, high = wilson(5, 10)
-    assert (low, high) == (pytest.approx(0.2366, abs=1e-4), pytest.approx(0.7634, abs=1e-4))
 
 
 def test_targets_by_hand():

@@ -161,7 +161,11 @@ def gap_check(
     say(f"labels sealed, sha256 {digest}")
     failures: dict[str, str] = {}
     if not so_far:
-        _discard_other_code(output)
+        note, code = output / "diagnosed" / "code.txt", code_digest()
+        if not note.exists() or note.read_text(encoding="utf-8") != code:
+            shutil.rmtree(output / "diagnosed", ignore_errors=True)
+            note.parent.mkdir(parents=True)
+            note.write_text(code, encoding="utf-8")
         failures = _diagnose_all(output, cases, diagnoser, workers, say)
     labels = open_seal(output / "sealed", digest=digest)
     if so_far:
@@ -231,14 +235,6 @@ def _write_world(output: Path, real: Path | None, cases: Sequence[Case]) -> list
             write_json(path, archivist.write(case))
         labels.append(json.loads(path.read_text(encoding="utf-8")))
     return labels
-
-
-def _discard_other_code(output: Path) -> None:
-    note, code = output / "diagnosed" / "code.txt", code_digest()
-    if not note.exists() or note.read_text(encoding="utf-8") != code:
-        shutil.rmtree(output / "diagnosed", ignore_errors=True)
-        note.parent.mkdir(parents=True)
-        note.write_text(code, encoding="utf-8")
 
 
 def _diagnose_all(

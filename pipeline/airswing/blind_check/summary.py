@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.stats import binomtest
 
 from airswing.blind_check.check import Check
 from airswing.blind_check.score import Score
@@ -30,17 +31,12 @@ Reached = tuple[float | None, int]
 Target = float | tuple[float, float]
 
 
-def wilson(right: int, number: int) -> tuple[float, float]:
-    """The 95 % Wilson interval of a share."""
-    share, z2 = right / number, 1.96**2
-    centre = (share + z2 / (2 * number)) / (1 + z2 / number)
-    half = np.sqrt(z2 * (share * (1 - share) + z2 / (4 * number)) / number) / (1 + z2 / number)
-    return float(centre - half), float(centre + half)
-
-
-def _reach(share: float, number: int) -> list[float]:
-    low, high = wilson(round(share * number), number) if number else (0.0, 1.0)
-    return [max(share - low, 0.0), max(high - share, 0.0)]
+def _reach(share: float, number: int) -> tuple[float, float]:
+    """Distances from a share to the ends of its 95 % Wilson interval."""
+    if not number:
+        return share, 1.0 - share
+    ends = binomtest(round(share * number), number).proportion_ci(method="wilson")
+    return max(share - ends.low, 0.0), max(ends.high - share, 0.0)
 
 
 def reliability(claims: Sequence[tuple[str, float, bool]]) -> pd.DataFrame:

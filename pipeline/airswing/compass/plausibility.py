@@ -560,7 +560,16 @@ def _wind_findings(sample: Sample) -> list[Finding]:
     corrected = _less_deviation(wind, reference, ground)
     along = ground.conj() / np.abs(ground)
     ours, theirs = (corrected * along).real, (reference * along).real
-    if factor := _scale(ours, theirs, flight):
+    one, other = ours - ours.mean(), theirs - theirs.mean()
+    if (
+        np.std(other) >= WEAKEST
+        and np.any(one)
+        and any(
+            slope - 3.0 * error > 1.25
+            for slope, error in (_slope(one, other, flight), _slope(other, one, flight))
+        )
+    ):
+        factor = float(np.std(one) / np.std(other))
         finding = _scaled("wind_speed", factor)
         if _finite(sample["air_temperature"])[0].size:
             return [finding] if _speed_mistake(factor) else []
@@ -626,17 +635,6 @@ def _wind_directions(wind: Complex, reference: Complex, ground: Complex) -> list
         return []
     missing = f"{evidence}, {share:.0%} of the reference's do not"
     return [Finding("wind_direction", "a part of the circle missing", missing)]
-
-
-def _scale(ours: Array, theirs: Array, flight: Array) -> float:
-    """Scale of the reported winds along the ground velocity; 0 where it may be one."""
-    ours, theirs = ours - ours.mean(), theirs - theirs.mean()
-    if np.std(theirs) < WEAKEST or not np.any(ours):
-        return 0.0
-    regressions = _slope(ours, theirs, flight), _slope(theirs, ours, flight)
-    if all(slope - 3.0 * error <= 1.25 for slope, error in regressions):
-        return 0.0
-    return float(np.std(ours) / np.std(theirs))
 
 
 def _slope(one: Array, other: Array, flight: Array) -> tuple[float, float]:

@@ -98,7 +98,12 @@ class Reference:
         # field: F N F' for the aircraft's unknowns, N times ``gain`` for the lasting part's
         self.factor, self.gain = np.broadcast_to(np.eye(UNKNOWNS), self.direct.shape), 1.0
         if self.thinned:
-            self.factor = _factor(_direct_information(self.some, self.aircraft), self.direct)
+            # without information on a parameter there is no Cholesky factor without the ridge
+            trace = np.trace(self.direct, axis1=1, axis2=2)[:, np.newaxis, np.newaxis]
+            ridge = 1e-9 * trace * np.eye(UNKNOWNS)
+            few = _direct_information(self.some, self.aircraft)
+            thin, whole = (np.linalg.cholesky(one + ridge) for one in (few, self.direct))
+            self.factor = whole @ np.linalg.inv(thin)
             self.gain = weight / float(self.some.weight.sum())
         self._sum_information()
 
@@ -297,11 +302,3 @@ def _runs(segments: Index, count: Index, day: Index, most: int) -> list[Index]:
             total = 0
         total += blocks
     return np.split(segments, found[1:])
-
-
-def _factor(some: Array, every: Array) -> Array:
-    """Matrices that scale the information of some blocks to all blocks, (aircraft, 8, 8)."""
-    # an aircraft without information on a parameter has no Cholesky factor without the ridge
-    ridge = 1e-9 * np.trace(every, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(UNKNOWNS)
-    thin, whole = (np.linalg.cholesky(one + ridge) for one in (some, every))
-    return np.asarray(whole @ np.linalg.inv(thin))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from airswing.gap.effects.base import OffsetAndCycle
-from airswing.synthetic.sealed.draws import Both, Draw
+from airswing.synthetic.sealed.draws import Draw, offset_and_cycle
 
 
 class CompassStep(OffsetAndCycle):
@@ -17,7 +17,7 @@ class CompassStep(OffsetAndCycle):
     title = "compass deviation that changes at a date"
     deviates = True
     draw = Draw(
-        Both(),
+        offset_and_cycle,
         ("offset_deg", "amplitude_deg"),
         dated="always",
         compared=("offset_deg", "amplitude_deg", "phase_deg"),

@@ -9,7 +9,7 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats
 from airswing.gap.effects.base import CycleEffect, Estimate, Parameter, number
-from airswing.synthetic.sealed.draws import Cycle, Draw
+from airswing.synthetic.sealed.draws import Draw, cycle
 
 
 class HardIron(CycleEffect):
@@ -22,7 +22,7 @@ class HardIron(CycleEffect):
     title = "heading error of one cycle"
     deviates = True
     draw = Draw(
-        Cycle(),
+        cycle,
         ("amplitude_deg",),
         on_real_data=True,
         compared=("amplitude_deg", "phase_deg"),

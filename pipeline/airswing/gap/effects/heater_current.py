@@ -20,7 +20,7 @@ from airswing.gap.effects.base import (
     missing_context,
     number,
 )
-from airswing.synthetic.sealed.draws import Both, Draw
+from airswing.synthetic.sealed.draws import Draw, offset_and_cycle
 from airswing.units import ZERO_CELSIUS
 
 EDGES = (5, 0, -5, -10, -15, -20)
@@ -61,7 +61,7 @@ class HeaterCurrent(OffsetAndCycle):
     name = "heater_current"
     title = "heading error while icing protection is on"
     draw = Draw(
-        Both(),
+        offset_and_cycle,
         ("offset_deg", "amplitude_deg"),
         form=_band,
         acts=_heated,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from airswing.gap.effects.base import CycleEffect, Parameter
-from airswing.synthetic.sealed.draws import Cycle, Draw
+from airswing.synthetic.sealed.draws import Draw, cycle
 
 
 class SoftIron(CycleEffect):
@@ -15,7 +15,7 @@ class SoftIron(CycleEffect):
     title = "heading error of two cycles"
     deviates = True
     draw = Draw(
-        Cycle(), ("amplitude_deg",), on_real_data=True, compared=("amplitude_deg", "phase_deg")
+        cycle, ("amplitude_deg",), on_real_data=True, compared=("amplitude_deg", "phase_deg")
     )
     distinguished_by = {"hard_iron": "headings in more compass points"}
     physics = (

@@ -48,22 +48,16 @@ class Signed:
         return {self.key: self.value * sign(rng)}
 
 
-class Cycle:
-    """Draws one cycle of any phase."""
-
-    def __call__(self, rng: np.random.Generator) -> dict[str, object]:
-        """Return amplitude and phase."""
-        return {"amplitude_deg": 1.0, "phase_deg": _phase(rng)}
+def cycle(rng: np.random.Generator) -> dict[str, object]:
+    """Draw one cycle of any phase."""
+    return {"amplitude_deg": 1.0, "phase_deg": _phase(rng)}
 
 
-class Both:
-    """Draws an offset together with one cycle of any share."""
-
-    def __call__(self, rng: np.random.Generator) -> dict[str, object]:
-        """Return offset, amplitude and phase."""
-        share = float(rng.uniform(0.0, 1.0))
-        offset = sign(rng) * (1.0 - 0.5 * share)
-        return {"offset_deg": offset, "amplitude_deg": share, "phase_deg": _phase(rng)}
+def offset_and_cycle(rng: np.random.Generator) -> dict[str, object]:
+    """Draw an offset together with one cycle of any share."""
+    share = float(rng.uniform(0.0, 1.0))
+    offset = sign(rng) * (1.0 - 0.5 * share)
+    return {"offset_deg": offset, "amplitude_deg": share, "phase_deg": _phase(rng)}
 
 
 @dataclass(frozen=True)

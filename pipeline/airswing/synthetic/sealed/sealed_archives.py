@@ -340,7 +340,8 @@ class Archivist:
         effects = [effect for part in drawn for effect in part.effects]
         folder = self.root / "cases" / case.name
         if case.world.kind == "model":
-            closure = write_model_case(folder, self._real(), effects, case.world)
+            assert self.real is not None
+            closure = write_model_case(folder, self.real, effects, case.world)
         else:
             closure = self._write_sample(folder, case.world, effects)
         sizes = list(case.sizes) if outside is None else [outside["size_m_s"]]
@@ -384,11 +385,6 @@ class Archivist:
             return max(fit, key=lambda one: one[1]["closes_kt"])
         return min(every, key=lambda one: one[1]["named_share"])
 
-    def _real(self) -> Path:
-        if self.real is None:
-            raise ValueError("a case on real data needs the folder of real data")
-        return self.real
-
     def _strengthened(self, drawn: Drawn, size: float, world: World) -> Drawn:
         if drawn.how.ladder:
             return drawn
@@ -410,9 +406,10 @@ class Archivist:
     def _simulated(self, world: World, effects: Effects) -> pd.DataFrame:
         if world.kind != "sensor":
             return simulated(world, effects)
+        assert self.real is not None
         silent = Coding(heading_noise=0.0, airspeed_noise=0.0)
         frame = simulated(world, effects, coding=silent)
-        return with_real_sensor(frame, real_sensor(self._real() / "heading"), seed=world.seed)
+        return with_real_sensor(frame, real_sensor(self.real / "heading"), seed=world.seed)
 
     def _without(self, world: World) -> pd.DataFrame:
         if self._bare is None or self._bare[0] != world:
