@@ -2,6 +2,7 @@
 
 import json
 import os
+import random
 import shutil
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from benchmarks import fault_drill, year
+from tests.command import airswing as command
 from tests.forked import forked
 
 import airswing
@@ -54,7 +56,7 @@ def archive(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def emptied(archive):
     """Every test begins without results and with all reports; the model is whole again after it."""
-    for name in ("reports", "results", "aside"):
+    for name in ("reports", "results", "continued", "aside"):
         shutil.rmtree(archive / name, ignore_errors=True)
     (archive / "aside").mkdir()
     shutil.copytree(archive / "days", archive / "reports")
@@ -277,6 +279,53 @@ def test_a_run_ended_between_write_and_rename_goes_on(archive, whole, name):
     assert [*(archive / "results").rglob("*.part")]
     assert made(archive) == ([] if "corrected" in name else [FEBRUARY])
     assert fault_drill.differences(whole, archive / "results") == []
+
+
+OPERATIONS = ["run", "kill", "monitor", "export", "remove", "add", "correct", "damage", "late"]
+
+
+@pytest.mark.parametrize(
+    ("seed", "steps"),
+    [(1, 6), *(pytest.param(seed, 15, marks=pytest.mark.slow) for seed in range(2, 12))],
+)
+def test_operations_in_any_order_end_in_the_products_of_one_run(archive, tmp_path, seed, steps):
+    """Reports that come, go, change and break; late model files; kills, monitoring and exports."""
+    pick, config = random.Random(seed), archive / "config.json"
+    for path in sorted((archive / "model").glob("200902*"))[40:60]:
+        path.rename(archive / "aside" / path.name)
+    made(archive)
+    for _ in range(steps):
+        what, name = pick.choice(OPERATIONS), pick.choice(sorted((archive / "days").iterdir())).name
+        day, whole = archive / "reports" / name, archive / "days" / name
+        if what == "run":
+            made(archive)
+        elif what == "kill":
+            process = forked(made, archive)
+            process.join(pick.uniform(0.2, 4.0))
+            process.kill()
+            process.join()
+        elif what == "monitor":
+            assert command("monitor", config, "--quiet").returncode in (0, 2)
+        elif what == "export":
+            words = ("--to", "obs_domain", "-o", tmp_path / "OBS_DOMAIN101", "--overwrite")
+            assert command("export", config, *words, "--quiet").returncode in (0, 2)
+        elif what == "remove":
+            day.unlink(missing_ok=True)
+        elif what == "add":
+            shutil.copy(whole, day)
+        elif what == "correct":
+            pd.read_parquet(whole).assign(wind_speed_kt=33.0).to_parquet(day, index=False)
+        elif what == "damage":
+            day.write_bytes(b"\x00\xff" * 50)
+        else:
+            for path in (archive / "aside").iterdir():
+                path.rename(archive / "model" / path.name)
+    made(archive)
+    (archive / "results").rename(archive / "continued")
+    made(archive)
+    shutil.rmtree(archive / "continued/report", ignore_errors=True)
+    found = fault_drill.differences(archive / "continued", archive / "results")
+    assert not [line for line in found if ": attribute" not in line]
 
 
 def test_a_folder_of_months_of_different_references_is_refused(archive, whole, tmp_path):
