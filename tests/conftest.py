@@ -19,9 +19,9 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
 LONGEST = (
-    *("blind_check/test_check", "gap/test_diagnose", "workflow/test_months"),
-    *("report/test_gap_page", "workflow/test_gap_stage", "test_cli", "test_hostile_files"),
-    *("workflow/test_compute", "test_workflow", "test_public_api", "test_batch"),
+    *("gap/test_diagnose", "workflow/test_months", "report/test_page", "workflow/test_gap_stage"),
+    *("test_workflow", "test_hostile_files", "test_cli", "workflow/test_resources"),
+    *("blind_check/test_check", "test_end_to_end", "test_names_with_markup"),
 )
 """Files whose tests take longest; they begin first, so that no worker waits for them at the end."""
 

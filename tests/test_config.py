@@ -49,6 +49,8 @@ def test_defaults_are_the_documented_ones_in_si(tmp_path):
         ({"pool": {"x": ["ruc", "rux"]}}, ["pool.x", "did you mean 'ruc'"]),
         ({"gap": {"reference": "ruk"}}, ["gap.reference", "'ruc'"]),
         ({"references": {}}, ["references"]),
+        ({"references": {"a": {"engine": "fleet", "files": "x"}}}, ["files must name"]),
+        ({"references": {"a": {"engine": "netcdf"}}}, ["files must name"]),
         ({"output": " "}, ["output", "names no folder"]),
         ({"references": {"m": {"files": "a", "lead": "shortest"}}}, ["'shortest'", ">= 1 h"]),
         ({"compute": {"workers": 0}}, ["compute.workers:", "greater than", "0"]),

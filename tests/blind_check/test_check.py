@@ -169,29 +169,18 @@ def added():
     UNIT_FAULTS.pop(NAME, None)
 
 
-@pytest.fixture(scope="module")
-def cold(added, tmp_path_factory):
-    """An archive of the generator without and with the effect, and the effect in a file."""
+def test_an_effect_of_one_file_is_simulated_diagnosed_and_described(added, tmp_path, names_only):
     UNIT_FAULTS[NAME] = freeze
     entry = effect(NAME, [1, 4], rate_deg=1.2)
-    path = tmp_path_factory.mktemp("added") / "effects.yaml"
-    path.write_text(yaml.safe_dump([entry]))
-    plain, affected = (
+    (tmp_path / "effects.yaml").write_text(yaml.safe_dump([entry]))
+    (active,) = read_effects(tmp_path / "effects.yaml")
+    plain, frame = (
         make_frame(seed=5, aircraft=6, days=16, noise=0.3, effects=effects)
         for effects in ([], [entry])
     )
-    return plain, affected, *read_effects(path)
-
-
-def test_the_simulation_removes_what_the_generator_put_in(cold):
-    plain, affected, active = cold
-    left = remove_effects(affected, [active])
-    assert np.abs(affected.residual - plain.residual).max() > 1.0
+    left = remove_effects(frame, [active])
+    assert np.abs(frame.residual - plain.residual).max() > 1.0
     assert left.residual == pytest.approx(plain.residual, abs=0.1)  # the noise is turned too
-
-
-def test_the_diagnosis_words_and_page_have_it(cold, tmp_path, names_only):
-    _, frame, active = cold
     few = {name: CATALOGUE[name] for name in ("compass_offset", "hard_iron", "tas_scale", NAME)}
     made = diagnose(frame, catalogue=few)
     (found,) = made.report.effects

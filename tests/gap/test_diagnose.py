@@ -194,6 +194,7 @@ def test_effect_outside_the_catalogue_is_located_and_closed():
     assert active.tails == (frame.tails[3],)
 
 
+@pytest.mark.usefixtures("few_variables")
 def test_an_error_that_depends_on_the_reported_wind_is_located():
     sector = {"variable": "wind_direction", "shape": "sector", "at": 0.5, "width": 0.3}
     outside = {"component": "along_wind", "parts": [sector], "size_m_s": 1.6, "sign": 1.0}

@@ -9,7 +9,7 @@ import airswing
 from airswing import workflow
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.config_file import load_config
-from airswing.errors import ConfigError, InputError
+from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.reference.fleet_wind import fleet_wind
 from airswing.workflow.progress import Progress
@@ -78,16 +78,6 @@ def test_too_few_aircraft_are_refused():
     reports, _ = an_hour(np.zeros(4))
     with pytest.raises(InputError, match="too few aircraft"):
         fleet_wind(reports)
-
-
-def test_files_and_the_fleet_exclude_each_other(tmp_path):
-    path = tmp_path / "c.yaml"
-    for reference in ({"engine": "fleet", "files": "x.nc"}, {"engine": "netcdf"}):
-        path.write_text(
-            yaml.safe_dump({"reports": {"files": "x.csv"}, "references": {"a": reference}})
-        )
-        with pytest.raises(ConfigError, match="files must name"):
-            load_config(path)
 
 
 @pytest.mark.slow
