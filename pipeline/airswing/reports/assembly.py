@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import takewhile
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -32,6 +31,7 @@ from airswing.reports.flights import (
     Columns,
     derive_flight,
     derive_phase,
+    number_of_run,
     resolutions,
     step_distance,
 )
@@ -83,7 +83,7 @@ def assemble(
     tails = _separate(columns, flight, tails, labels, audit)
     order = np.lexsort((flight, columns["tail"]))
     _take(columns, order)
-    columns["flight"] = _number_of_run(columns["tail"], flight[order])
+    columns["flight"] = number_of_run(columns["tail"], flight[order])
     present, columns["tail"] = np.unique(columns["tail"], return_inverse=True)
     derived = derive_phase(columns, columns["flight"])
     unknown = columns["phase"] == PHASE["unknown"]
@@ -236,14 +236,6 @@ def _apart(columns: Columns, later: Index) -> tuple[Floats, Floats, Floats]:
     return north, wrap_degrees(east), np.abs(up)
 
 
-def _number_of_run(*keys: NDArray[Any]) -> NDArray[np.int32]:
-    """Number, from 0, of the run of equal keys that each report is in."""
-    new = np.zeros(keys[0].size, dtype=bool)
-    for key in keys:
-        new[1:] |= np.diff(key) != 0
-    return np.cumsum(new).astype(np.int32)
-
-
 def _separate(
     columns: Columns,
     flight: NDArray[np.int32],
@@ -316,7 +308,7 @@ def _average(columns: Columns, interval: float, audit: Audit) -> None:
     if interval <= 0.0 or columns["tail"].size < 2:
         return
     seconds = columns["time"].astype("datetime64[ms]").astype(np.int64) / 1e3
-    group = _number_of_run(columns["tail"], np.floor(seconds / interval), columns["flight"])
+    group = number_of_run(columns["tail"], np.floor(seconds / interval), columns["flight"])
     starts = np.flatnonzero(np.diff(group, prepend=-1))
     heading, longitude = columns["reported_heading"], columns["longitude"]
     # Relative to the first, because sums of seconds since 1970 lose the milliseconds.

@@ -53,6 +53,14 @@ def step_distance(latitude: Floats, longitude: Floats) -> Floats:
     return EARTH_RADIUS * central_angle(phi[:-1], lam[:-1], phi[1:], lam[1:])
 
 
+def number_of_run(*keys: NDArray[Any]) -> NDArray[np.int32]:
+    """Number, from 0, of the run of equal keys that each report is in."""
+    new = np.zeros(keys[0].size, dtype=bool)
+    for key in keys:
+        new[1:] |= np.diff(key) != 0
+    return np.cumsum(new).astype(np.int32)
+
+
 def derive_flight(columns: Columns) -> NDArray[np.int32]:
     """Number the flights (report,), from 0 in the order in which they begin within each aircraft.
 
@@ -162,9 +170,8 @@ def climb_rate(seconds: Floats, altitude: Floats, flight: Index) -> Floats:
 
     Flights are contiguous, and times (s) are in order within each; all arrays have shape (n,).
     """
-    begins = np.r_[True, np.diff(flight) != 0] if flight.size else np.zeros(0, dtype=bool)
-    block = np.cumsum(begins) - 1
-    starts = np.flatnonzero(begins)
+    block = number_of_run(flight)
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
     first = starts[block]
     last = np.r_[starts[1:], flight.size].astype(np.int64)[block] - 1
     # Whole microseconds, flights one after the other with wide gaps: the result does not depend on
@@ -204,10 +211,8 @@ def derive_phase(columns: Columns, flight: Index) -> NDArray[np.int8]:
 def _lasting(rate: Floats, flight: Index) -> Mask:
     """Runs of a flight above the leaving rate that reach the entering rate somewhere."""
     moving = rate > LEAVE_RATE
-    begins = np.r_[True, (np.diff(moving.astype(np.int8)) != 0) | (np.diff(flight) != 0)]
-    run = np.cumsum(begins) - 1
-    highest = np.maximum.reduceat(np.where(moving, rate, -np.inf), np.flatnonzero(begins))
-    return np.asarray(moving & (highest[run] > ENTER_RATE), dtype=bool)
+    highest = pd.Series(rate).groupby(number_of_run(moving, flight)).transform("max").to_numpy()
+    return np.asarray(moving & (highest > ENTER_RATE), dtype=bool)
 
 
 # --- resolution ----------------------------------------------------------------------------------

@@ -80,7 +80,7 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
         if name in QUANTITIES
     }
     tail = pd.factorize(table[found["tail"]])[0] if "tail" in found else np.zeros(len(table), int)
-    speed = _known_speed(found, values, times, tail)
+    speed = _speed_over_ground(values, times, tail)
     for name, column in found.items():
         if name in values:
             mapping[column] = _entry(QUANTITIES[name], column, values[name], speed, remarks)
@@ -162,33 +162,18 @@ def _motion(table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str])
         remarks[found["magnetic_heading"]] = "magnetic is a guess: heading_deg where it is true"
 
 
-def _known_speed(
-    found: dict[str, str], values: dict[str, Column], times: Times | None, tail: Index
-) -> float:
-    """Median speed (m s-1) by successive positions, else by a speed of known unit; NaN without."""
-    if times is not None and {"latitude", "longitude"} <= values.keys():
-        order = np.lexsort((times, tail))
-        place = (values[name].to_numpy()[order] for name in ("latitude", "longitude"))
-        gap = np.diff(seconds_since_1970(times[order]))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            speed = step_distance(*place) / gap
-        flying = (gap > 0.0) & (gap < 1800.0) & (speed > 30.0) & (speed < 400.0)
-        flying &= np.diff(tail[order]) == 0
-        if np.count_nonzero(flying) >= 3:
-            return float(np.median(speed[flying]))
-    for name in ("ground_speed", "true_airspeed"):
-        if name not in values:
-            continue
-        known = split_name(found[name])
-        unit = _written_unit(found[name], "m/s") or (known[1] if known else "")
-        unit = unit or ("kt" if float(values[name].max()) > _SOUND else "")
-        if unit:
-            return _typical(values[name]) * conversion(unit, "m/s")[0]
-    return float("nan")
-
-
-def _typical(values: Column) -> float:
-    return float(values[values > 0].median())
+def _speed_over_ground(values: dict[str, Column], times: Times | None, tail: Index) -> float:
+    """Median speed (m s-1) by successive positions; NaN where too few of them are in flight."""
+    if times is None or not {"latitude", "longitude"} <= values.keys():
+        return float("nan")
+    order = np.lexsort((times, tail))
+    place = (values[name].to_numpy()[order] for name in ("latitude", "longitude"))
+    gap = np.diff(seconds_since_1970(times[order]))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        speed = step_distance(*place) / gap
+    flying = (gap > 0.0) & (gap < 1800.0) & (speed > 30.0) & (speed < 400.0)
+    flying &= np.diff(tail[order]) == 0
+    return float(np.median(speed[flying])) if np.count_nonzero(flying) >= 3 else float("nan")
 
 
 def _written_unit(column: str, si_unit: str) -> str | None:
@@ -217,12 +202,12 @@ def _entry(
         # Indicated is below true airspeed: by a quarter at 20,000 ft, by half at 40,000 ft.
         expected = speed * (0.75 if quantity.stem == "indicated_airspeed" else 1.0)
         # km/h is rare: it must fit better by a third.
-        cost = {"kt": 0.0, "m/s": 0.0, "km/h": 0.3}
+        cost, typical = {"kt": 0.0, "m/s": 0.0, "km/h": 0.3}, float(values[values > 0].median())
         for name in cost:
-            ratio = _typical(values) * conversion(name, "m/s")[0] / expected
+            ratio = typical * conversion(name, "m/s")[0] / expected
             cost[name] += abs(float(np.log(ratio)))
         unit = min(cost, key=lambda name: cost[name])
-        remark = "unit found by comparison with the other speeds"
+        remark = "unit found by comparison with the positions"
         if not np.isfinite(cost[unit]):
             unit, remark = "kt" if largest > _SOUND else "m/s", _CHECK
     elif quantity.si_unit == "m/s":
