@@ -9,7 +9,7 @@ import contextlib
 import ctypes
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sized
+from collections.abc import Iterator, Mapping, Sized
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -102,27 +102,13 @@ class Progress:
         columns = (title, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         with Bar(*columns, console=console, transient=True) as bar:
             number = bar.add_task(record.name, total=None, record=record)
-            with Tasks(lambda done, total: bar.update(number, completed=done, total=total)):
+
+            def begun(_graph: object, state: Mapping[str, Sized]) -> None:
+                more = len(state["ready"]) + len(state["waiting"])
+                bar.update(number, total=(bar.tasks[number].total or 0) + more)  # graphs add up
+
+            with Callback(start_state=begun, posttask=lambda *_: bar.advance(number)):
                 yield
-
-
-class Tasks(Callback):
-    """Counts the tasks ``done`` and in ``total`` of dask's local schedulers; graphs add up.
-
-    `show` takes both numbers after each task.
-    """
-
-    def __init__(self, show: Callable[[int, int], None] = lambda done, total: None) -> None:
-        self.done = self.total = 0
-        self._show = show
-        super().__init__(start_state=self._begin, posttask=self._finished)
-
-    def _begin(self, _graph: object, state: Mapping[str, Sized]) -> None:
-        self.total += len(state["ready"]) + len(state["waiting"])
-
-    def _finished(self, *_: object) -> None:
-        self.done += 1
-        self._show(self.done, self.total)
 
 
 def _release_memory() -> None:
