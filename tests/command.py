@@ -1,10 +1,11 @@
-"""The command ``airswing`` in this process."""
+"""The command ``airswing`` in this process, and configurations for it."""
 
 import contextlib
 import io
 import subprocess
 
 import pytest
+import yaml
 
 from airswing import cli
 
@@ -23,3 +24,13 @@ def airswing(*words):
         except SystemExit as end:
             status = int(end.code or 0)
     return subprocess.CompletedProcess(words, status, out.getvalue(), err.getvalue())
+
+
+def configured(folder, reports, references, *, output="out", **sections):
+    """Write a configuration in a folder; reports and each reference are files or a section."""
+    parts = {"reports": reports, **references}
+    parts = {k: v if isinstance(v, dict) else {"files": str(v)} for k, v in parts.items()}
+    content = {"reports": parts.pop("reports"), "references": parts}
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump(content | {"output": str(folder / output)} | sections))
+    return path

@@ -12,12 +12,11 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-import yaml
 
 from airswing.products.netcdf import open_product
 from airswing.products.whole_files import workspace
 from tests import perfect
-from tests.command import airswing
+from tests.command import airswing, configured
 from tests.forked import forked
 
 
@@ -35,14 +34,8 @@ def archive(tmp_path_factory):
 
 
 def configure(archive, folder, **changes):
-    content = {
-        "reports": {"files": str(archive / "r.csv")},
-        "references": {"model": {"files": str(archive / "model/*")}},
-        "output": str(folder / "out"),
-    }
-    path = folder / "config.yaml"
-    path.write_text(yaml.safe_dump(content | changes))
-    return path
+    given = {"reports": archive / "r.csv", "references": {"model": archive / "model/*"}}
+    return configured(folder, **given | changes)
 
 
 def refused(*words, says):

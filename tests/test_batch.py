@@ -14,6 +14,7 @@ import pytest
 
 from airswing.products.netcdf import read_product
 from airswing.workflow import Job, make_headings
+from tests.command import configured
 
 pytest.importorskip("dask_jobqueue")
 
@@ -44,14 +45,10 @@ def slurm(tmp_path):
 
 @pytest.mark.slow
 def test_the_recipe_runs_the_main_job_on_workers_of_the_batch_system(slurm, tmp_path, root):
-    config, table = tmp_path / "config.yaml", tmp_path / "N401.csv"
+    table = tmp_path / "N401.csv"
     rows = (root / "data_samples/reports/N401.csv").read_text().splitlines(keepends=True)
     table.write_text("".join(rows[:1500]))  # eight days
-    config.write_text(
-        f"reports: {{files: {table}}}\n"
-        f"references: {{ruc: {{files: {root}/data_samples/ruc/*.grb}}}}\n"
-        f"output: {tmp_path}/batch\n"
-    )
+    config = configured(tmp_path, table, {"ruc": root / "data_samples/ruc/*.grb"}, output="batch")
     environment = os.environ | {
         "PATH": f"{slurm}:{os.environ['PATH']}",
         "DASK_JOBQUEUE__SLURM__CORES": "2",

@@ -8,10 +8,10 @@ hundredths of a degree; a wrong sign, rotation or date costs tenths.
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 from airswing import workflow
 from tests import perfect
+from tests.command import configured
 
 pytestmark = pytest.mark.usefixtures("blank_cards")
 
@@ -19,13 +19,8 @@ pytestmark = pytest.mark.usefixtures("blank_cards")
 def fitted(folder, table, **reports):
     """Fits of the archive in a folder that has its model files."""
     perfect.write_reports(table, folder / "reports" / "r.csv")
-    content = {
-        "reports": {"files": str(folder / "reports/*.csv"), **reports},
-        "references": {"model": {"files": str(folder / "model/*")}},
-        "output": str(folder / "out"),
-    }
-    (folder / "config.yaml").write_text(yaml.safe_dump(content))
-    job = workflow.Job.of(folder / "config.yaml", quiet=True)
+    reports |= {"files": str(folder / "reports/*.csv")}
+    job = workflow.Job.of(configured(folder, reports, {"model": folder / "model/*"}), quiet=True)
     headings = workflow.make_headings(job)
     assert int((headings["screening"] == 0).sum()) > 0.9 * len(table.drop_duplicates())
     return workflow.make_fits(job, headings)

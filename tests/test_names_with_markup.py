@@ -6,9 +6,9 @@ import sys
 
 import matplotlib
 import pandas as pd
-import yaml
 
 from airswing.synthetic.archive import write_archive
+from tests.command import configured
 
 TAILS = {"N401": "<script>alert('tail')</script>", "N402": 'N402"><img src=x onerror=alert(2)>'}
 REFERENCE = "<b onclick=alert(3)>ruc</b>"
@@ -27,7 +27,7 @@ def files_below(folder):
 def test_pages_escape_names_and_nothing_is_written_outside_the_output_and_the_cache(tmp_path):
     top = tmp_path
     data, here, home = top / "data", top / "here", top / "home"
-    config = write_archive(data, days=1, aircraft=2, seed=1)
+    write_archive(data, days=1, aircraft=2, seed=1)
     for folder in (here, home):
         folder.mkdir()
     for path in (data / "reports").glob("*.csv"):
@@ -38,14 +38,10 @@ def test_pages_escape_names_and_nothing_is_written_outside_the_output_and_the_ca
     sound = sorted((data / "ruc").iterdir())[0]
     sound.rename(sound.with_name("<u>model<u>.grb"))
     (data / "ruc" / "broken<u>.grb").write_bytes(b"GRIB" + bytes(40))
-    content = {
-        "reports": {"files": str(data / "reports" / "*.csv")},
-        "references": {REFERENCE: {"files": str(data / "ruc" / "*")}},
-        "screening": {"phases": ["ascent", "cruise", "descent"]},
-        "fit": {"min_reports": 20},
-        "output": str(top / "out"),
-    }
-    config.write_text(yaml.safe_dump(content))
+    sections = {"screening": {"phases": ["ascent", "cruise", "descent"]}}
+    sections |= {"fit": {"min_reports": 20}}
+    names = data / "reports/*.csv", {REFERENCE: data / "ruc/*"}
+    config = configured(top, *names, **sections)
     before = files_below(top)
     done = subprocess.run(
         [sys.executable, "-m", "airswing", "run", str(config), "--quiet"],

@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 import pytest
 import xarray as xr
-import yaml
 
 import airswing
 from airswing import collocate, derive_headings, fleet_wind, read_reports
@@ -22,6 +21,7 @@ from airswing.products.netcdf import read_product
 from airswing.reports import Audit
 from airswing.synthetic.mode_s import write_mode_s
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
+from tests.command import configured
 from tests.ragged import ragged
 
 AIRCRAFT, FLIGHTS, REPORTS = 4, 6, 40
@@ -317,19 +317,10 @@ def test_a_run_finds_the_offsets_and_warns_of_magnetic_headings_taken_for_true(
     write_mode_s(tmp_path, flights=10)
     warnings = []
     for output, columns in (("right", {}), ("wrong", {"heading": "heading_deg"})):
-        config = {
-            "reports": {
-                "files": str(tmp_path / "mode_s.csv"),
-                "interval": "60 s",
-                "columns": columns,
-            },
-            "references": {"era5": {"files": str(tmp_path / "era5.nc")}},
-            "screening": {"phases": ["ascent", "cruise", "descent", "unknown"]},
-            "fit": {"min_reports": 100},
-            "output": str(tmp_path / output),
-        }
-        path = tmp_path / "config.yaml"
-        path.write_text(yaml.safe_dump(config))
+        reports = {"files": str(tmp_path / "mode_s.csv"), "interval": "60 s", "columns": columns}
+        phases = {"phases": ["ascent", "cruise", "descent", "unknown"]}
+        sections = {"screening": phases, "fit": {"min_reports": 100}, "output": output}
+        path = configured(tmp_path, reports, {"era5": tmp_path / "era5.nc"}, **sections)
         said = airswing.run(path).summary["warnings"]
         warnings.append([line for line in said if "declination" in line])
     assert warnings[0] == []

@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 import airswing
 from airswing import workflow
@@ -13,6 +12,7 @@ from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.reference.fleet_wind import fleet_wind
 from airswing.workflow.progress import Progress
+from tests.command import configured
 from tests.ragged import ragged
 
 START = np.datetime64("2017-01-11T12:00", "ns")
@@ -82,14 +82,10 @@ def test_too_few_aircraft_are_refused():
 
 @pytest.mark.slow
 def test_an_hour_of_mode_s_gives_an_offset_with_interval_an_aircraft(real, tmp_path):
-    modes, path = real("modes/mpm_20170111_12z_aggregated.csv"), tmp_path / "modes.yaml"
-    config = {
-        "reports": {"files": str(modes), "interval": "10 s"},
-        "references": {"fleet": {"engine": "fleet"}},
-        "screening": {"phases": ["ascent", "cruise", "descent", "unknown"]},
-        "output": str(tmp_path / "out"),
-    }
-    path.write_text(yaml.safe_dump(config))
+    modes = real("modes/mpm_20170111_12z_aggregated.csv")
+    phases = {"phases": ["ascent", "cruise", "descent", "unknown"]}
+    reports, fleet = {"files": str(modes), "interval": "10 s"}, {"fleet": {"engine": "fleet"}}
+    path = configured(tmp_path, reports, fleet, screening=phases)
     headings = workflow.make_headings(workflow.Job(load_config(path), Progress(quiet=True)))
     fits = fit_deviation(headings, min_reports=30).isel(reference=0)
     only = fits["status"].to_numpy() == STATUS["offset_only"]

@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 from benchmarks import fault_drill, year
 from tests.command import airswing as command
+from tests.command import configured
 from tests.forked import forked
 
 import airswing
@@ -74,14 +75,9 @@ def whole(archive):
 
 
 def job_of(folder, *, fresh=False, **changes):
-    content = {
-        "reports": {"files": str(folder / "reports/*.parquet")},
-        "references": {"small": {"files": str(folder / "model/*.grb")}},
-        "output": str(folder / "results"),
-        "fit": {"harmonics": 1, "min_reports": 50},
-    }
-    path = folder / "config.json"
-    path.write_text(json.dumps(content | changes))
+    sections = {"fit": {"harmonics": 1, "min_reports": 50}, "output": "results"} | changes
+    files = folder / "reports/*.parquet", {"small": folder / "model/*.grb"}
+    path = configured(folder, *files, **sections)
     return workflow.Job(load_config(path), Progress(quiet=True), fresh)
 
 
@@ -290,7 +286,7 @@ OPERATIONS = ["run", "kill", "monitor", "export", "remove", "add", "correct", "d
 )
 def test_operations_in_any_order_end_in_the_products_of_one_run(archive, tmp_path, seed, steps):
     """Reports that come, go, change and break; late model files; kills, monitoring and exports."""
-    pick, config = random.Random(seed), archive / "config.json"
+    pick, config = random.Random(seed), archive / "config.yaml"
     for path in sorted((archive / "model").glob("200902*"))[40:60]:
         path.rename(archive / "aside" / path.name)
     made(archive)

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from benchmarks import fault_drill
+from tests.command import configured
 
 import airswing
 from airswing.config import Compute
@@ -37,14 +38,8 @@ def results(root, folder, place, aircraft, first, last):
         table = pd.read_csv(path, dtype=str)
         chosen = table[table["time"].between(first, last)]
         chosen.to_csv(folder.parent / "reports" / path.name, index=False)
-    (folder / "config.yaml").write_text(
-        f"reports: {{files: '{folder.parent}/reports/*.csv'}}\n"
-        "references:\n"
-        f"  ruc: {{files: {root}/data_samples/ruc/*.grb}}\n"
-        f"  rtfdaa: {{files: {root}/data_samples/rtfdaa/*.grb2}}\n"
-        f"output: {folder}/out\n"
-    )
-    config = load_config(folder / "config.yaml")
+    models = {name: root / f"data_samples/{name}/*.gr*" for name in ("ruc", "rtfdaa")}
+    config = load_config(configured(folder, folder.parent / "reports/*.csv", models))
     return airswing.run(config.model_copy(update={"compute": place}))
 
 

@@ -11,13 +11,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-import yaml
 from typer.testing import CliRunner
 
 import airswing
 from airswing import cli
 from airswing.errors import InputError
 from airswing.reference.catalogue import build_catalogue
+from tests.command import configured
 from tests.reference.builders import GLOBE, LATLON, build, write
 from tests.reference.gridded.datasets import by_hand, points, winds
 from tests.reference.gridded.test_layouts import LAT, LON, P, base, check
@@ -274,20 +274,14 @@ def test_winds_alone_at_places_without_reported_winds(tmp_path):
     columns = {"tail": list("ABC"), "time": "2022-11-11T00:20Z", "pressure_hPa": 400.0}
     table = pd.DataFrame(columns | {"latitude": LAT, "longitude": LON})
     table.to_csv(tmp_path / "reports.csv", index=False)
-    config = {
-        "reports": {"files": str(tmp_path / "reports.csv")},
-        "references": {"era5": {"files": str(tmp_path / "era5.nc")}},
-        "output": str(tmp_path / "results"),
-    }
-    path = tmp_path / "mine.yaml"
-    path.write_text(yaml.safe_dump(config))
+    reports, era5 = tmp_path / "reports.csv", {"era5": tmp_path / "era5.nc"}
+    path = configured(tmp_path, reports, era5)
     assert "for model winds alone" in str(command("collocate", path).exception)
     unknown = {name: {"value": np.nan} for name in ("wind_direction_deg", "wind_speed_kt")}
-    config["reports"] |= {"columns": unknown}
-    path.write_text(yaml.safe_dump(config))
+    configured(tmp_path, {"files": str(reports), "columns": unknown}, era5)
     shown = command("collocate", path)
     assert shown.exit_code == 0 and "only model winds at the reports" in shown.output
-    found = airswing.open_product(tmp_path / "results" / "headings")
+    found = airswing.open_product(tmp_path / "out/headings")
     assert np.isfinite(found["reference_eastward_wind"]).all() and np.isnan(found["heading"]).all()
 
 
