@@ -2,33 +2,19 @@
 
 import json
 
+from tests.report import gap_factories
 
-def claim(name="hard_iron", **changes):
+
+def claim(name="hard_iron", *, tails=("N401", "N402"), **changes):
     """One entry of ``effects``."""
-    entry = {
-        "name": name,
-        "probability": 0.99,
-        "tails": ["N401", "N402"],
-        "parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0},
-        "standard_errors": {},
-        "period": None,
-        "ambiguous_with": [],
-        "share_of_gap": 0.9,
-    }
-    return entry | changes | {"tails": changes.get("tails", entry["tails"]) or []}
+    given = {"parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0}, "ambiguous_with": []}
+    return gap_factories.effect(name, *(tails or ()), **given | {"share_of_gap": 0.9} | changes)
 
 
 def place(variable="hour", **changes):
     """One entry of ``unknown.where``."""
-    entry = {
-        "component": "along_heading",
-        "variable": variable,
-        "variables": [variable],
-        "tails": ["N401"],
-        "probability": 0.97,
-        "closure": None,
-    }
-    return entry | changes
+    given = {"component": "along_heading", "variable": variable, "variables": [variable]}
+    return gap_factories.place(**given | {"tails": ["N401"], "closure": None} | changes)
 
 
 def gap(*claims, unknown=(), closure=None):
