@@ -236,7 +236,7 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 
     job = workflow.Job.of(config, output=output, quiet=quiet)
     with job.running():
-        _print(workflow.make_sensitivity(job, intervals=True), as_json=True, text="")
+        _print(workflow.make_sensitivity(job), as_json=True, text="")
 
 
 @app.command()

@@ -5,14 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import airswing
 from airswing.errors import InputError
 from airswing.evaluation.comparison import compare, hats_of, regional_bias
-from airswing.evaluation.time_interval import interval_cost
 from airswing.products.ragged import aircraft_of_report
 from tests.evaluation.archives import LASTING_ERRORS as SETTING
 from tests.evaluation.archives import day_number, references
-from tests.reference.gridded.datasets import latlon, points
 
 TWO = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}
 
@@ -112,45 +109,3 @@ def test_an_aircraft_of_one_day_decides_nothing():
     for name in "ABCDE":
         apart = one["fleet"]["difference"][name] - two["fleet"]["difference"][name]
         assert abs(apart) < 0.5 * two["fleet"]["standard_error"][name]
-
-
-# cost of an interval of three or six hours between model times
-
-LAT, LON = np.arange(30.0, 50.1, 5.0), np.arange(-110.0, -79.9, 5.0)
-
-
-def model(course):
-    """u follows a course in time, v is still."""
-    ds = latlon(latitude=LAT, longitude=LON, hours=course.size)
-    ds["u"] = ds.u.copy(data=np.broadcast_to(course[:, None, None, None], ds.u.shape).astype("f4"))
-    ds["v"] = ds.v * 0
-    return ds
-
-
-def reports(hours):
-    return points(40.0, -95.0, 50000.0, after=hours)
-
-
-def test_a_parabola_by_hand():
-    """u = t2: over an interval h the chord lies (t - t0)(t1 - t) above the curve."""
-    hours = np.arange(25.0)
-    catalogue = airswing.build_catalogue(model(0.1 * hours**2), name="m")
-    whole = np.arange(1.0, 24.0)  # at whole hours the hourly reference is exact
-    rows = interval_cost(points(40.0, -95.0, 50000.0, after=whole), catalogue)
-    for row, step in zip(rows, (3.0, 6.0), strict=True):
-        past = np.mod(whole, step)
-        error = 0.1 * past * (step - past)
-        middle = np.abs(past - step / 2) <= 0.5
-        assert row["interval_h"] == step and row["reports"] == whole.size
-        assert row["reports_at_middle"] == middle.sum()
-        for name, some in (("", error), ("_at_middle", error[middle])):
-            rms = row[f"rms_vector_difference{name}_m_s"]
-            assert rms == pytest.approx(np.sqrt(np.mean(some**2)), abs=1e-3)
-
-
-def test_steady_change_costs_nothing_and_three_hourly_winds_cannot_tell():
-    steady = airswing.build_catalogue(model(np.arange(13.0)), name="m")
-    some = points(40.0, -95.0, 50000.0, after=np.linspace(0.5, 11.5, 40))
-    assert all(row["rms_vector_difference_m_s"] < 1e-3 for row in interval_cost(some, steady))
-    sparse = airswing.build_catalogue(model(np.arange(13.0)).isel(time=slice(0, 13, 3)), name="m")
-    assert interval_cost(some, sparse) == []

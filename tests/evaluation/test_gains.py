@@ -124,7 +124,6 @@ def test_held_out_days_agree_with_the_prediction(headings):
     found = cross_validate(headings, fits, draws=100, **AGAINST)
     assert found["folds"] == 10 and found["agree"]
     assert found["realised_gain_kt"] > 1.0
-    assert found["in_sample_gain_kt"] >= found["realised_gain_kt"] - 0.02
     ranking = rank_aircraft(headings, fits, **AGAINST)
     assert cross_validate(headings, fits, ranking=ranking, draws=100, **AGAINST) == found
 

@@ -6,33 +6,15 @@ import xarray as xr
 
 from airswing.evaluation.innovations import (
     combined,
-    disagreement_sums,
     error_profiles,
     innovation_statistics,
     innovations,
-    measures_of,
 )
 from airswing.flags import PHASE, SCREENING
 from airswing.vocabulary import describe
 from tests.ragged import ragged
 
 POOLS = {"ruc": ["ruc"], "both": ["ruc", "rr"]}
-
-
-def test_disagreement_by_hand():
-    """Heading east: a northerly error of 3 is across, an easterly one of 4 along."""
-    sums = disagreement_sums(
-        np.array([[10.0, 14.0], [3.0, 0.0]]),
-        np.array([[10.0, 10.0], [0.0, 0.0]]),
-        np.full(2, np.pi / 2),
-        np.zeros(2, np.int64),
-        1,
-    )
-    expected = {"reports": 2, "mean_vector": 3.5, "vector_rms": 12.5**0.5, "eastward_mean": 2.0}
-    expected |= {"cross_rms": 4.5**0.5, "along_rms": 8.0**0.5}
-    expected["direction_rms_deg"] = np.degrees(np.arctan2(3.0, 10.0)) / np.sqrt(2)
-    found = measures_of(sums[:, 0])
-    assert {name: found[name] for name in expected} == pytest.approx(expected)
 
 
 def test_innovations_of_compass_points():

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.evaluation import Content
-from airswing.evaluation.innovations import disagreement_sums, measures_of, parts_of
+from airswing.evaluation.innovations import parts_of
 from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test, ratio
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.ragged import blocks, time_span
@@ -135,7 +135,7 @@ def field_test(
         ``reports_before``, ``reports_during``), ``adjusted_reduction_kt`` and
         ``adjusted_reduction_quadrature_kt`` with ``*_ci_kt``, ``days_before``, ``days_during``; the
         same ``by_reference``; ``permutation``, ``regression_to_the_mean``, ``matched_controls``,
-        ``by_aircraft``; ``components`` (m/s) by group and window; the dates, and ``notes``.
+        ``by_aircraft``; the dates, and ``notes``.
 
     Raises
     ------
@@ -177,8 +177,7 @@ def field_test(
     days = np.arange(max(int(low), begin), min(int(high), stop) + 1)
     member = np.where(np.isin(names, corrected), 1, np.where(np.isin(names, controls), 0, -1))
     sums = {key: np.zeros((2, names.size, days.size)) for key in pools}
-    components = np.zeros((11, 4))
-    for part in parts_of(headings, pools, ["screening", "heading", *dict(required)]):
+    for part in parts_of(headings, pools, ["screening", *dict(required)]):
         chosen = (member[part.aircraft] >= 0) & (part.day >= begin) & (part.day < stop)
         screening = part.block["screening"].to_numpy()
         chosen &= (screening & sum(SCREENING[name] for name in _NEVER)) == 0
@@ -191,10 +190,6 @@ def field_test(
             good = np.isfinite(difference)
             for table, values in zip(sums[key], (good * 1.0, difference), strict=True):
                 table.ravel()[:] += np.bincount(place[good], values[good], table.size)
-            if key == reference:
-                group = 2 * member[aircraft] + (day >= switch)
-                heading = np.radians(part.column("heading")[chosen])
-                components += disagreement_sums(wind, model[:, chosen], heading, group, 4)
     by_reference = {}
     for key, (count, total) in sums.items():
         rows, seen = member >= 0, count[member >= 0].any(axis=0)
@@ -213,12 +208,6 @@ def field_test(
             "notes": notes,
             **by_reference[reference],
             **checks,
-            "components": {
-                group: {
-                    name: measures_of(components[:, 2 * i + j]) for j, name in enumerate(WINDOWS)
-                }
-                for i, group in enumerate(GROUPS)
-            },
             "by_reference": by_reference,
         }
     )

@@ -306,14 +306,14 @@ def virtual_field_test(
     fits, ranking = _learned(headings, learned_until, **against, **options)
     fit = fits.sel(reference=reference)
     table = error_from_table(fit).to_numpy()[np.newaxis]
-    sums = _sum_by_day(headings, pools[reference], fit, [table])
+    sums = _sum_by_day(headings, pools[reference], fit, table)
     until = np.datetime64(learned_until, "D").astype(np.int64)
     late = sums.first + np.arange(sums.number.shape[1]) >= until
     groups = {}
     for group, member in (("controls", ~treated), ("corrected", treated)):
         number, before, after = (
             np.array([part[member][:, period].sum() for period in (~late, late)])
-            for part in (sums.number, sums.before, sums.after[0])
+            for part in (sums.number, sums.before, sums.after)
         )
         # a group with reports on one side of the date only has no difference
         if number.all():
@@ -338,7 +338,7 @@ def virtual_field_test(
         **_compared(
             names,
             np.where(chosen, sums.number, 0.0),
-            np.where(chosen, sums.before - sums.after[0], 0.0),
+            np.where(chosen, sums.before - sums.after, 0.0),
             ranking,
             draws=draws,
             seed=seed,
@@ -410,9 +410,8 @@ def cross_validate(
     Returns
     -------
     dict
-        ``held_out`` of ``virtual_field_test.json``: as :func:`virtual_field_test` without groups;
-        ``folds``: number of parts; and ``in_sample_gain_kt``: gain of the fit of all days on the
-        reports it was fitted to.
+        ``held_out`` of ``virtual_field_test.json``: as :func:`virtual_field_test` without groups,
+        and ``folds``: number of parts.
 
     Raises
     ------
@@ -440,11 +439,10 @@ def cross_validate(
         resolution=fits.attrs.get("table_resolution", 0.1),
         sign=fits.attrs.get("table_sign", "subtract_error"),
     )
-    tables = [error_from_table(left_out).to_numpy(), error_from_table(fit).to_numpy()[np.newaxis]]
-    sums = _sum_by_day(headings, pools[reference], fit, tables)
+    sums = _sum_by_day(headings, pools[reference], fit, error_from_table(left_out).to_numpy())
     names = headings["aircraft"].to_numpy().astype(str)
     number = np.where(sums.correctable[:, np.newaxis], sums.number, 0.0)
-    gains = [np.where(number > 0, sums.before - after, 0.0) for after in sums.after]
+    gain = np.where(number > 0, sums.before - sums.after, 0.0)
     if not number.any():
         raise InputError(
             "no held-out report could be corrected",
@@ -456,8 +454,7 @@ def cross_validate(
         "reference": reference,
         "folds": folds,
         "method": "table",
-        "in_sample_gain_kt": float(gains[1].sum() / number.sum()),
-        **_compared(names, number, gains[0], ranking, draws=draws, seed=seed),
+        **_compared(names, number, gain, ranking, draws=draws, seed=seed),
     }
 
 
@@ -469,41 +466,40 @@ class _DaySums:
     correctable: NDArray[np.bool_]  # (aircraft,): whether the aircraft has a table
     number: Floats
     before: Floats
-    after: list[Floats]  # as corrected; as reported where an aircraft has no table
+    after: Floats  # as corrected; as reported where an aircraft has no table
 
 
 def _sum_by_day(
-    headings: xr.Dataset, members: list[str], fit: xr.Dataset, tables: Sequence[Floats]
+    headings: xr.Dataset, members: list[str], fit: xr.Dataset, tables: Floats
 ) -> _DaySums:
-    """Sum the disagreement as reported and as corrected by each set of tables.
+    """Sum the disagreement as reported and as corrected.
 
-    A set of tables, (part, aircraft, node) in degrees of heading error, has one part, or one for
-    each part of the days that are held out.
+    The tables, (part, aircraft, node) in degrees of heading error, have one part, or one for each
+    part of the days that are held out.
     """
     argument = "heading" if fit.attrs.get("abscissa") == "true" else "magnetic_heading"
-    correctable = published(fit["status"].to_numpy())
-    for table in tables:
-        correctable = correctable & np.isfinite(table).all(axis=(0, 2))
+    correctable = published(fit["status"].to_numpy()) & np.isfinite(tables).all(axis=(0, 2))
     first, last = (day.astype("datetime64[D]").astype(np.int64) for day in time_span(headings))
     shape = (correctable.size, int(last - first) + 1)
-    sums = np.zeros((2 + len(tables), *shape))
+    sums = np.zeros((3, *shape))
     names = ("heading", argument, "airspeed")
     for part in parts_of(headings, {"": members}, [*names, "screening"]):
         columns = np.array([*part.wind, *part.model[""], *map(part.column, names)])
         used = (part.column("screening") == 0) & np.isfinite(columns.sum(axis=0))
         u, v, model_u, model_v, heading, magnetic, airspeed = columns[:, used]
         aircraft, day = part.aircraft[used], part.day[used]
-        values = [np.ones(day.size), np.hypot(u - model_u, v - model_v) / KNOT]
-        for table in tables:
-            rows = table[day % len(table), aircraft]
-            error = np.radians(unit_interpolation(np.nan_to_num(rows), magnetic))
-            error[~correctable[aircraft]] = 0.0
-            better = corrected_wind(u, v, airspeed, np.radians(heading), error)
-            values.append(np.hypot(better[0] - model_u, better[1] - model_v) / KNOT)
+        rows = tables[day % len(tables), aircraft]
+        error = np.radians(unit_interpolation(np.nan_to_num(rows), magnetic))
+        error[~correctable[aircraft]] = 0.0
+        better = corrected_wind(u, v, airspeed, np.radians(heading), error)
+        before, after = (
+            np.hypot(east - model_u, north - model_v) / KNOT for east, north in ((u, v), better)
+        )
+        values = np.ones(day.size), before, after
         cell = aircraft * shape[1] + day - first
         for total, column in zip(sums, values, strict=True):
             total += np.bincount(cell, column, total.size).reshape(shape)
-    return _DaySums(int(first), correctable, sums[0], sums[1], list(sums[2:]))
+    return _DaySums(int(first), correctable, *sums)
 
 
 def _compared(

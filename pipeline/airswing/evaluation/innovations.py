@@ -143,43 +143,6 @@ def innovations(
     return {name: np.asarray(values, np.float64) for name, values in found.items()}
 
 
-def disagreement_sums(
-    wind: Floats, reference: Floats, heading: FloatArray, group: Ints, groups: int
-) -> Floats:
-    """Sums behind the measures of disagreement by group, (11, group), for :func:`measures_of`.
-
-    Winds (2, report) in m/s, headings (report,) in radians. Sums of parts of an archive add up.
-    """
-    found = innovations(*wind, *reference)
-    du, dv, turned = found["eastward"], found["northward"], np.radians(found["direction"])
-    one = np.ones(du.size)
-    along = du * np.sin(heading) + dv * np.cos(heading)
-    across = du * np.cos(heading) - dv * np.sin(heading)
-    rows = [one, np.hypot(du, dv), du**2 + dv**2, du**2, dv**2, along**2, across**2, du, dv]
-    columns = [(np.isfinite(du + dv), row) for row in rows]
-    columns += [(np.isfinite(turned), row) for row in (one, turned**2)]
-    return np.array([np.bincount(group[good], row[good], groups) for good, row in columns])
-
-
-def measures_of(sums: Floats) -> dict[str, float]:
-    """Measures of disagreement from sums (11,) of one group, m/s and degrees.
-
-    The direction counts over reference winds of 5 m/s or more.
-    """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = sums[1:9] / sums[0]
-        direction = np.degrees(np.sqrt(sums[10] / sums[9]))
-    names = ("mean_vector", "vector_rms", "eastward_rms", "northward_rms", "along_rms", "cross_rms")
-    return {
-        "reports": int(sums[0]),
-        **{
-            name: float(np.sqrt(value) if name.endswith("rms") else value)
-            for name, value in zip((*names, "eastward_mean", "northward_mean"), mean, strict=True)
-        },
-        "direction_rms_deg": float(direction),
-    }
-
-
 def member_mean(values: _Winds) -> _Winds:
     """Mean over ``reference`` of the members with a value at the report, NaN without any.
 

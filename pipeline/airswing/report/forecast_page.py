@@ -25,7 +25,6 @@ NAMES = {
     "raw": "raw forecast",
     "kalman": "Kalman filter",
     "running_mean": "running mean",
-    "mean_of_pairs": "mean of the last pairs",
 }
 LONGEST = 120  # starts shown in a time series
 _PERIODS = {"held_out": "held out", "all": "all days"}

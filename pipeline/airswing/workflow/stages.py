@@ -51,7 +51,6 @@ from airswing.evaluation.monitoring.events import (
     write_events,
 )
 from airswing.evaluation.observation_errors import observation_errors
-from airswing.evaluation.time_interval import interval_cost
 from airswing.flags import published
 from airswing.products.netcdf import open_product, product_path
 from airswing.products.ragged import aircraft_of_report, some_reports, time_span
@@ -65,7 +64,6 @@ from airswing.products.whole_files import (
 )
 from airswing.vocabulary import describe
 from airswing.workflow.job import CORRECTED, FITS, HEADINGS, PROFILES, Job, require_kept
-from airswing.workflow.months import catalogues
 
 _LEARNED_SHARE = 2.0 / 3.0
 """Share of the days that corrections are fitted to, without a field test."""
@@ -355,40 +353,19 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
     return result
 
 
-def make_sensitivity(
-    job: Job, headings: xr.Dataset | None = None, *, intervals: bool = False
-) -> Content:
-    """Every reference and pool fitted on the same reports: ``sensitivity.json``.
-
-    `intervals` also computes the error of hourly references of which only every third or sixth hour
-    is used, which reads some of their files again. With one reference this is the whole result.
-    """
+def make_sensitivity(job: Job, headings: xr.Dataset | None = None) -> Content:
+    """Every reference and pool fitted on the same reports: ``sensitivity.json``."""
     config = job.config
     screened = job.ready(headings, HEADINGS)
-    costs: dict[str, list[Content]] = {}
-    if intervals:
-        models = catalogues(job)
-        with job.progress.stage("time interval") as stage:
-            found = {name: interval_cost(screened, model) for name, model in models.items()}
-            costs = {name: rows for name, rows in found.items() if rows}
-            stage.note = "; ".join(
-                f"{name} every {row['interval_h']} h: {row['rms_vector_difference_m_s']:.2f} m/s"
-                for name, rows in costs.items()
-                for row in rows
-            )
-    result: Content = {}
-    if not costs or len(config.references) > 1:
-        with job.progress.stage("compare") as stage:
-            options: dict[str, Any] = {"pools": job.pools, "never_pool": config.never_pool}
-            result = compare(screened, **options, **config.fit.model_dump())
-            verdicts = (
-                f"{' and '.join(pair['references'])}: "
-                + ("poolable" if pair["poolable"] else "not poolable")
-                for pair in result["pairs"]
-            )
-            stage.note = "; ".join(verdicts)
-    if costs:
-        result["time_interval"] = costs
+    with job.progress.stage("compare") as stage:
+        options: dict[str, Any] = {"pools": job.pools, "never_pool": config.never_pool}
+        result = compare(screened, **options, **config.fit.model_dump())
+        verdicts = (
+            f"{' and '.join(pair['references'])}: "
+            + ("poolable" if pair["poolable"] else "not poolable")
+            for pair in result["pairs"]
+        )
+        stage.note = "; ".join(verdicts)
     write_json(job.output / "sensitivity.json", result)
     return result
 

@@ -36,7 +36,6 @@ FORECASTS = {
     "raw": "forecast",
     "kalman": "corrected_forecast",
     "running_mean": "running_mean_forecast",
-    "mean_of_pairs": "mean_of_pairs_forecast",
 }
 """Variable of each method."""
 METHODS = tuple(FORECASTS)
@@ -79,14 +78,13 @@ def correct_forecasts(
     training : float, default 0.5
         Share of the days used for the choice.
     window : int, default 7
-        Days of the running mean, and pairs of the mean of the last pairs.
+        Days of the running mean.
 
     Returns
     -------
     Dataset
-        The pairs with ``corrected_forecast``, ``running_mean_forecast``,
-        ``mean_of_pairs_forecast``, ``valid_time``, ``held_out`` (forecast_reference_time),
-        ``ratio`` and ``ratio_chosen`` (variable).
+        The pairs with ``corrected_forecast``, ``running_mean_forecast``, ``valid_time``,
+        ``held_out`` (forecast_reference_time), ``ratio`` and ``ratio_chosen`` (variable).
 
     References
     ----------
@@ -124,7 +122,6 @@ def correct_forecasts(
     biases = {
         "kalman": _known_bias(errors, kalman_bias, chosen).where(chosen > 0.0, 0.0),
         "running_mean": _known_bias(errors, running_mean, window),
-        "mean_of_pairs": _known_bias(errors, mean_of_pairs, window),
     }
     bound = xr.DataArray(
         [LEAST.get(str(name), -np.inf) for name in pairs["variable"].to_numpy()], dims="variable"
@@ -360,17 +357,3 @@ def running_mean(errors: Floats, days: int) -> Floats:
         sums[..., days:] -= sums[..., :-days].copy()  # the views overlap
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(number > 0, total / number, np.nan)
-
-
-def mean_of_pairs(errors: Floats, pairs: int) -> Floats:
-    """Mean of the last known errors (..., day), however long ago; NaN before the first."""
-    known = np.isfinite(errors)
-    total = np.cumsum(np.where(known, errors, 0.0), axis=-1)
-    number = np.cumsum(known, axis=-1)
-    # Sum of the first k known errors, at place k.
-    by_number = np.zeros((*errors.shape[:-1], errors.shape[-1] + 1))
-    np.put_along_axis(by_number, number, np.where(number > 0, total, 0.0), axis=-1)
-    earlier = np.maximum(number - pairs, 0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = (total - np.take_along_axis(by_number, earlier, axis=-1)) / (number - earlier)
-    return np.asarray(mean)
