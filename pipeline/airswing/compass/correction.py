@@ -3,13 +3,12 @@
 The error of the unit is the direction of its air vector: psi_corr = psi_ind - psi_err(m), m the
 indicated magnetic heading. With V_A = V_G - W_reported the ground vector cancels: W_corrected =
 W_reported + V_A - R V_A, R the turn by -psi_err. So only airspeed and indicated heading are needed,
-and every report that has them is corrected, whether or not the fit used it. On request the airspeed
-scale s is removed too: V_A / (1 + s). The one-cycle part of the curve (B, C) is proportional to the
-inverse of the horizontal field and is scaled to that of every report where it is known. A unit's
-table is the same at all places and is applied unscaled.
+and every report that has them is corrected. On request the airspeed scale s is removed too:
+V_A / (1 + s). The one-cycle part of the curve (B, C) is proportional to the inverse of the
+horizontal field and is scaled to that of every report where it is known; a table is not.
 
 *Table.* The firmware holds one number a node at indicated magnetic headings 0, 45, ... 315 degrees
-and interpolates linearly between them. The best table is then not the curve at its nodes (which
+and interpolates linearly between them. The best table is not the curve at its nodes (which
 multiplies harmonic k by sinc^2(k/8): 0.950, 0.811) but the least-squares projection of the curve on
 that piecewise-linear basis, weighted by the headings that the aircraft flies and a small even
 weight. ``subtract_error``: the table holds the degrees to ADD to the indicated heading, minus the
@@ -23,8 +22,8 @@ independent and add in quadrature:
 * the curve: V times its standard error at the heading, and V times the difference of the unit's
   table from the curve at this heading and field, which is known;
 * the heading: with an error eps the curve is read at the wrong heading and the correction turned
-  with it, ``V (delta, delta') eps`` along and across; a large eps saturates like the chord of a
-  circle, ``2 (1 - exp(-sd^2 / 2))`` in place of ``sd^2``;
+  with it, ``V (delta, delta') eps``; a large eps saturates like the chord of a circle,
+  ``2 (1 - exp(-sd^2 / 2))`` in place of ``sd^2``;
 * the airspeed: ``delta`` times its error, and its scale where that is removed;
 * coding: both reports are rounded to steps of speed and direction, twice the variance of one.
 

@@ -7,17 +7,16 @@ V_A = V_G - V_W,reported: it is derived and needs no heading column.
 
 The ground velocity comes from chords between fixes (`airswing.physics.track`); where the path
 turns, from the legs around it (`airswing.physics.turns`); where an aircraft reports true heading
-and airspeed that agree with its fixes, from these: V_G = V_A + V_W is then the velocity of its GPS
-at the report, without the rounding of positions and times. In some archives a column named heading
-contains the track or the magnetic heading; it is therefore compared with the chords, aircraft by
-aircraft, beyond the effect of rounding (:func:`_judge_reported_heading`). A magnetic heading
-differs by the declination, which would become part of coefficient A; a track agrees with the track.
+and airspeed, from these: V_G = V_A + V_W has no error of rounded positions and times. A column
+named heading may hold the track or the magnetic heading (which differs by the declination, a part
+of coefficient A); it is therefore compared with the chords, aircraft by aircraft
+(:func:`_judge_reported_heading`).
 
-Standard errors: ``ground_velocity_error`` is that of each component of V_G (rounding of positions
-and times, and variation of the velocity between fixes); ``heading_standard_error`` the same carried
-to the indicated heading, ``heading_error_standard_error`` to psi_err, to first order: V_G enters
-both air vectors, so that an error of it nearly cancels. Errors of the model and of the coding of
-the wind are not included; the fit estimates that scatter.
+Standard errors are those of rounded positions and times and of the velocity between fixes:
+``ground_velocity_error`` of each component of V_G, ``heading_standard_error`` carried to the
+indicated heading, ``heading_error_standard_error`` to psi_err, to first order: V_G enters both air
+vectors, so that an error of it nearly cancels. Errors of the model and of the coding of the wind
+are not included; the fit estimates that scatter.
 """
 
 from __future__ import annotations

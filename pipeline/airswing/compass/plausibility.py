@@ -8,26 +8,21 @@ others together, because the errors of one flight are alike.
 
 Let w be the reported wind, r the reference wind, g the ground velocity. The reference implies the
 air vector ``g - r``, positions a second ground velocity, the standard atmosphere the temperature at
-an altitude. Headings and winds are compared after removal of a deviation curve A to E fitted to the
-directions of ``g - w`` and ``g - r``. An angle is implausible where one mistake makes the mean
-square difference `RATIO` times smaller. The scale of w is that of its component along g: its
-regression on that of r is the lower bound, that of r on w the upper one (each is attenuated by the
-noise of the other). An error of the airspeed adds a constant along g, and one of the compass acts
-across g or is removed, so that neither looks like a wrong unit; mistakes of less than a quarter
-(mph for kt) remain unnoticed. Where altitudes are wrong, and with them the reference, the ground
-speed takes its place: at equal altitude it changes as the component of w along g.
+an altitude. Headings and winds are compared after removal of a deviation curve A to E. An angle is
+implausible where one mistake makes the mean square difference `RATIO` times smaller. The scale of w
+is that of its component along g, between its regression on that of r and the reverse (each is
+attenuated by the noise of the other): an error of the airspeed adds a constant along g, one of the
+compass acts across g. Mistakes of less than a quarter (mph for kt) remain unnoticed. Where
+altitudes are wrong, and with them the reference, the ground speed takes its place: at equal
+altitude it changes as the component of w along g. A clock is wrong where winds agree better with
+the reference of near places 3, 6, 9 or 12 h apart, by `CLOCK_RATIO` and four standard errors;
+errors of 1 or 2 hours remain unnoticed.
 
-A clock is wrong where winds agree better with the reference of near places 3, 6, 9 or 12 h apart,
-by `CLOCK_RATIO` and by four standard errors. In three sample archives no correct clock has a
-significant ratio, and clocks in error by 3 to 8 hours have 1.2 to 2.2; 1 or 2 hours remain
-unnoticed.
-
-``python -m benchmarks.units`` on sample archives of two seeds: with any `RATIO` from 1.5 to 3 every
-wrong unit of every column is named for all aircraft, and no correct archive has a finding
-(deviations of 25 degrees and winds of a third of the strength included); with 1.2 a correct one has
-one, and with 5 some mistakes remain unnoticed. Valid for aircraft that fly as airliners and
-commuter aircraft do, in air within 15 K of the standard atmosphere or colder by any amount at low
-level. A reference in the wrong unit looks like reports in the wrong unit, as the message states.
+``python -m benchmarks.units``: with any `RATIO` from 1.5 to 3 every wrong unit of every column is
+named for all aircraft, and no correct archive has a finding (deviations of 25 degrees and winds of
+a third of the strength included). Valid for aircraft that fly as airliners and commuter aircraft
+do, in air within 15 K of the standard atmosphere or colder by any amount at low level. A reference
+in the wrong unit looks like reports in the wrong unit, as the message states.
 """
 
 from __future__ import annotations

@@ -6,10 +6,10 @@ wind vector disagreement (Jacobs et al. 2010, Table 1). Its change is computed l
 and in quadrature, as independent errors add. Days are the units of the bootstrap.
 
 Aircraft are usually chosen for bad winds, so that some of the reduction is regression to the mean.
-The permutation test therefore regresses the level during the test on the level before it; where the
-groups hardly overlap before the test this costs most of the power. Without that regression the test
-is valid only for a choice that ignored the level. The same choice is also made within the window
-before the test, where nothing was corrected. Knots, unless a name says otherwise.
+The permutation test therefore regresses the level during the test on the level before it (where the
+groups hardly overlap before the test this costs most of the power), and the same choice is also
+made within the window before the test, where nothing was corrected. Knots, unless a name says
+otherwise.
 """
 
 from __future__ import annotations

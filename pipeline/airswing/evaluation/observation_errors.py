@@ -3,26 +3,25 @@
 *Separation.* Two neighbouring aircraft share the error of the reference and the weather. Half the
 mean squared difference of their differences from the reference, extrapolated to zero separation, is
 the error variance of the reports (the intercept of Hollingsworth & Loennberg 1986, Tellus 38A,
-111-136, as a variogram, in which differences between regions cancel). The expected half square of a
-pair is the mean of both reports' error variances (of the cell, phase of flight and layer, plus that
-of the aircraft's class) plus the difference of the reference's errors at that separation,
-proportional to the disagreement of both cells; this linear model is fitted by weighted least
-squares for each bootstrap draw of days. One reference suffices. Errors of different aircraft are
-taken as independent; motion on scales below their distance counts as error of the reports.
+111-136, as a variogram). The expected half square of a pair is the mean of both reports' error
+variances (of the cell, phase of flight and layer, plus that of the aircraft's class) plus the
+difference of the reference's errors at that separation, proportional to the disagreement of both
+cells; this linear model is fitted by weighted least squares for each bootstrap draw of days. Errors
+of different aircraft are taken as independent; motion on scales below their distance counts as
+error of the reports.
 
 *Three-cornered hat.* With two references the mean product of a report's two disagreements is the
 report's error variance plus the covariance of the references' errors (Gray & Allan 1974). With that
-covariance assumed (0 by default) it is an upper bound wherever the errors of the references are
-correlated, as those of models that assimilate the same observations are. The covariance is
-estimated too: the hat's variance less that of the separation.
+covariance assumed (0 by default) it is an upper bound wherever these errors are correlated, as
+those of models that assimilate the same observations are. The covariance is estimated too: the
+hat's variance less that of the separation.
 
 *Reported winds.* Both methods use the corrected winds. The error variance of the reported winds
 exceeds theirs by the mean square of the correction c (reported minus corrected), which is known
 exactly, plus twice the mean of c d, d being the corrected wind's disagreement. The mean of c d
-contains the covariance of c with the error of the corrected wind, which is wanted, and with the
-reference's error, which is the error of the estimate. Neither days nor aircraft are independent,
-and its variance is that of both clusters less that of their intersection (Cameron, Gelbach & Miller
-2011, J. Bus. Econ. Stat. 29, 238-249), for this fleet in this archive.
+contains the covariance of c with the reference's error, which is the error of the estimate. Neither
+days nor aircraft are independent, and its variance is that of both clusters less that of their
+intersection (Cameron, Gelbach & Miller 2011, J. Bus. Econ. Stat. 29, 238-249).
 
 The preferred method is the separation; it is the hat where no interval of the separation is known,
 or where the covariance is not significant and the interval of the hat is the narrower one.

@@ -4,16 +4,16 @@ OBS_DOMAIN (share/wrf_fddaobs_in.F, formats 101 to 104). Quality 129 on both com
 wind as earth-relative. u = v = 0 means missing: a wind that rounds to calm gets an eastward
 component of 0.001 m/s. ``is_sound`` is true for a single level too: false makes a surface report.
 At 80 hPa and above no wind is used. ACARS reports are written as ``FM-97 AIREP`` with ACARS as
-source, because names with ACARS overwrite each other. A report of many levels is not used where two
-levels are more than 200 hPa apart: a joined sounding is split there; one of less than 150 hPa would
-reach fewer points than its reports and is written as single levels.
+source, because names with ACARS overwrite each other. A sounding is split where two levels are more
+than 200 hPa apart, as WRF does not use it; one of less than 150 hPa would reach fewer points than
+its reports and is written as single levels.
 
 LITTLE_R (var/obsproc/src/module_decoded.F90). The wind counts as speed and direction only, the
 direction in (0.001, 360] degrees and the speed at least 0.1 m/s. Pressure alone gives the level:
 with a height of quality 0 OBSPROC replaces the pressure; a missing height has quality 1. The
 elevation is 0: OBSGRID drops a level whose height equals the elevation. Names are unique, because
-reports of one place and name are merged; so are levels less than 1 Pa apart: joined soundings keep
-2 Pa. Quality is 0: 129 would reject the wind here.
+reports of one place and name are merged; so are levels less than 1 Pa apart. Quality is 0: 129
+would reject the wind here.
 
 ob.ascii (var/da/da_obs_io/da_read_obs_ascii.inc, ``ob_format = 2``). The error of the speed weighs
 both components. Every error is positive and has its decimal point, also that of a missing value,

@@ -2,10 +2,9 @@
 
 A turn lasts about as long as the interval between reports, so the bank of three fixes is
 distributed over neighbouring reports and too small at the turn (factor 1.4 to 1.8 in trials). The
-roll flag marks the reports at which the aircraft banked by more than five degrees. Reports come at
-fixed intervals independent of the aircraft's motion, so that the share of flagged reports is the
-share of time in such a bank, and the total turned angle, which chords conserve, gives its mean:
-``mean bank = (turned angle - part turned in a lesser bank) / time flagged``.
+roll flag marks the reports at which the aircraft banked by more than five degrees; the share of
+flagged reports is the share of time in such a bank, and the total turned angle, which chords
+conserve, gives its mean: ``(turned angle - part turned in a lesser bank) / time flagged``.
 
 * flagged: that mean, towards the side the track turns;
 * not flagged: the least of the banks at the report and its neighbours where all turn one way (a

@@ -1,25 +1,23 @@
 """Heading and airspeed at reports near a turn, from the legs around them.
 
-A turn is short compared with the time between reports, so that neither the leg before nor the leg
-after a report, nor their mean, gives the direction of flight at the report: the parabola through
-three fixes is in error by 10 to 20 degrees there. The aircraft flies straight, makes at most one
-turn of constant rate within the two legs before and the two after the report, and flies straight
-on. The mean air vector of a leg, ground vector minus reported wind, then has a mean direction of
-the courses before and after, weighted by when the turn began and ended.
+A turn is short compared with the time between reports: near it neither a leg nor the parabola
+through three fixes gives the direction of flight at the report (errors of 10 to 20 degrees). The
+aircraft flies straight, makes at most one turn of constant rate within the two legs before and the
+two after the report, and flies straight on. The mean air vector of a leg, ground vector minus
+reported wind, then has a mean direction of both courses, weighted by when the turn began and ended.
 
 Each pair of a begin and an end on a lattice of a quarter of a leg is a hypothesis. Initial course
 and turn follow from the four legs by linear least squares; the probability of the hypothesis from
 the misfit of the legs (with the determinant: the evidence of a linear model; MacKay 1992, Neural
 Computation 4:415-447), from the bank it needs (ordinary turns have 15 to 25 degrees: FAA-H-8083-15B
 ch. 4) and from the roll flags of the report and its neighbours (G: bank below five degrees, B:
-above). Heading and standard error are mean and spread over all hypotheses, so that the error is
-large where a turn may or may not have begun at the report. The airspeed is that of the adjacent
-legs, longer than their mean vectors because these are shortened by the turn.
+above). Heading and standard error are mean and spread over all hypotheses. The airspeed is that of
+the adjacent legs, longer than their mean vectors because these are shortened by the turn.
 
-The error of assuming a constant rate (rolling in and out, intercepted courses) is a share of the
-turn: `SHAPE`. The first and last report of a flight have legs on one side only, and a larger error.
-Valid for intervals of half a minute to some minutes; several turns within four legs are treated as
-one, and the misfit of the legs increases the standard error. Units: m s-1, s, radians.
+The error of assuming a constant rate is a share of the turn: `SHAPE`. The first and last report of
+a flight have legs on one side only, and a larger error. Valid for intervals of half a minute to
+some minutes; several turns within four legs are treated as one, and the misfit of the legs
+increases the standard error. Units: m s-1, s, radians.
 """
 
 from __future__ import annotations

@@ -2,20 +2,17 @@
 
 Works on the sums of each aircraft. Without the shared error of the reference, biases are pooled
 over the fleet (`airswing.compass.fit.pooling`) and errors are clustered by flight, enlarged where
-days scatter more. With it, the whole fleet is solved together (`airswing.compass.fleet.solution`)
+days scatter more; with it, the whole fleet is solved together (`airswing.compass.fleet.solution`)
 and errors are clustered by day. Where headings or flights do not allow a curve only the constant is
 published: A, the other coefficients zero with the variance of cycles as large as the fleet's.
-Coefficients are taken as normally distributed; errors of functions of them are to first order
-(delta method), except near zero amplitude the error of the phase, which follows the arc sine.
 
 *Held-out days.* The days of an aircraft are divided into `FOLDS` parts (its flights, where there
 are fewer than five days). Without the reports of one part the coefficients are, to first order, the
 published ones minus the sum of the influences of the part's flights, scaled to the published
 covariance and enlarged by the weight of the others. The squared vector disagreement with the
 reference is a quadratic function of the coefficients, whose sums by part the fit has kept. The bias
-of the reference is removed before and after the correction, but at most `MAX_BIAS` of it. Under the
-model of the fit the improvement is about Wald's statistic less twice its degrees of freedom: where
-a significant curve does not improve held-out days, the model does not describe the reports.
+of the reference is removed before and after the correction, but at most `MAX_BIAS` of it. Where a
+significant curve does not improve held-out days, the model does not describe the reports.
 
 References
 ----------
