@@ -1,6 +1,6 @@
 """Cost of collocation against plain decoding of the same messages.
 
-    python -m benchmarks.collocation [--hours 48] [--repeats 3] [--json]
+    python -m benchmarks.collocation [--hours 48] [--repeats 3]
 
 Ratios of processor time: hours of GRIB1 simple packing of a RUC-size model with 2,000 reports an
 hour, without cache, over decoding every message with ecCodes (bar 0.20); one hour of each packing
@@ -9,7 +9,6 @@ decoded whole, over the same (bar 1.4 for complex packing).
 
 import argparse
 import itertools
-import json
 import tempfile
 import time
 from pathlib import Path
@@ -124,7 +123,6 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--hours", type=int, default=48)
     parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     rng, rows = np.random.default_rng(1), []
     with tempfile.TemporaryDirectory() as name:
@@ -149,9 +147,6 @@ def main():
                 options.repeats,
             )
             rows.append({"what": label, "ratio": value, "bar": bar, "seconds": seconds})
-    if options.json:
-        print(json.dumps(rows, indent=1))
-        return
     print(f"{'over plain decoding':42} {'ratio':>7} {'bar':>5} {'seconds':>8}")
     for row in rows:
         print(f"{row['what']:42} {row['ratio']:7.3f} {row['bar']:5.2f} {row['seconds']:8.2f}")

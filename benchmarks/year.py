@@ -1,6 +1,6 @@
 """Year of a fleet end to end: processor time and peak memory by stage, and one further night.
 
-    python -m benchmarks.year [--share 1.0] [--workers 1] [--json FILE]
+    python -m benchmarks.year [--share 1.0] [--workers 1]
 
 Makes 8,760 hourly GRIB1 files (24 x 18 points, six levels, u and v) and 10 million reports of 60
 aircraft, a Parquet file a day, or a share of both. The job runs in a separate process, first
@@ -183,7 +183,6 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--share", type=float, default=1.0, help="share of hours and of reports")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--json", type=Path, help="write the numbers here")
     parser.add_argument("--measured", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.measured:
@@ -196,13 +195,9 @@ def main():
         write_reports(folder / "reports", reports, hours, AIRCRAFT)
         last = max((folder / "reports").iterdir())
         aside = last.rename(folder / last.name)
-        runs = {"year": run_on(folder, workers=given.workers)}
-        shown(runs["year"], f"{hours:,} hours, all made")
+        shown(run_on(folder, workers=given.workers), f"{hours:,} hours, all made")
         aside.rename(last)
-        runs["night"] = run_on(folder, workers=given.workers)
-        shown(runs["night"], "one further night")
-    if given.json:
-        given.json.write_text(json.dumps(runs, indent=1))
+        shown(run_on(folder, workers=given.workers), "one further night")
 
 
 if __name__ == "__main__":

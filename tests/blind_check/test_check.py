@@ -147,7 +147,6 @@ class ColdSoak(ProportionalEffect, HeadingEffect):
         Signed("rate_deg"),
         ("rate_deg",),
         compared=("rate_deg",),
-        places=("temperature",),
         fault=freeze,
     )
     distinguished_by: ClassVar[Mapping[str, str]] = {"compass_offset": "flights in warm air"}

@@ -49,8 +49,6 @@ class AccelerationError(HeadingEffect):
         form=_by_phase,
         acts=_out_of_cruise,
         compared=("amplitude_deg",),
-        places=("acceleration", "phase"),
-        read_from=(("across", "phase"),),
     )
     physics = (
         "The flux valve hangs as a pendulum. Under longitudinal acceleration it tilts and takes "

@@ -29,8 +29,6 @@ class AltitudeOffset(ProportionalEffect, WindEffect):
         Signed("offset_ft", 300.0),
         ("offset_ft",),
         compared=("offset_ft",),
-        places=("shear", "altitude"),
-        read_from=(("along", "pressure"), ("along", "phase")),
     )
     physics = (
         "A static-port error, or an altimeter setting left on the ground's pressure, gives the "

@@ -22,7 +22,6 @@ class CompassDrift(ProportionalEffect, HeadingEffect):
         dated="late",
         grows=True,
         compared=("rate_deg_per_day",),
-        places=("date", "time"),
     )
     physics = (
         "Parts magnetise slowly, or the slaving of a gyro drifts out of adjustment: the heading "

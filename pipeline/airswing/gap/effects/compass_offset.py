@@ -21,7 +21,6 @@ class CompassOffset(ProportionalEffect, HeadingEffect):
         ("offset_deg",),
         on_real_data=True,
         compared=("offset_deg",),
-        read_from=(("across", "aircraft"),),
     )
     physics = (
         "The flux valve is not aligned with the aircraft's axis, so every heading is wrong by the "

@@ -21,8 +21,6 @@ class CompassStep(OffsetAndCycle):
         ("offset_deg", "amplitude_deg"),
         dated="always",
         compared=("offset_deg", "amplitude_deg", "phase_deg"),
-        places=("date", "time"),
-        read_from=(("across", "date"),),
     )
     distinguished_by = dict.fromkeys(
         ("compass_drift", "compass_offset", "hard_iron"),

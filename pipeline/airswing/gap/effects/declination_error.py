@@ -57,7 +57,6 @@ class DeclinationError(HeadingEffect):
         ("mean_deg",),
         whose="fleet",
         compared=("mean_deg",),
-        read_from=(("across", "longitude"),),
     )
     distinguished_by = {
         "compass_offset": "flights over a larger region, where the declination varies"

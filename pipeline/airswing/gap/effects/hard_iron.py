@@ -26,7 +26,6 @@ class HardIron(CycleEffect):
         ("amplitude_deg",),
         on_real_data=True,
         compared=("amplitude_deg", "phase_deg"),
-        read_from=(("across", "heading"),),
     )
     physics = (
         "Magnetised parts and direct currents add a field fixed in the aircraft; against the "

@@ -66,8 +66,6 @@ class HeaterCurrent(OffsetAndCycle):
         form=_band,
         acts=_heated,
         compared=("offset_deg", "amplitude_deg", "phase_deg"),
-        places=("icing", "temperature"),
-        read_from=(("across", "icing"),),
     )
     distinguished_by = {"compass_offset": "the icing flag, on and off on each heading"}
     physics = (

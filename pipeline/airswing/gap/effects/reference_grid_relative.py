@@ -34,7 +34,6 @@ class ReferenceGridRelative(ProportionalEffect):
         limit=1.0,
         whose="fleet",
         compared=("fraction",),
-        places=("turned", "wind_direction"),
     )
     physics = (
         "Winds on Lambert and similar grids are stored along the grid's axes. Where their flag is "

@@ -58,8 +58,6 @@ class ReferenceSpeedBias(Effect):
         form=_below,
         acts=_at_levels,
         compared=("bias_percent",),
-        places=("wind_by_height", "wind_speed", "wind"),
-        read_from=(("along", "heading"),),
     )
     physics = (
         "A model with too little or too much momentum shows winds too weak or too strong, often "

@@ -26,7 +26,6 @@ class ReferenceTimeOffset(ProportionalEffect, WindEffect):
         ("offset_h",),
         whose="fleet",
         compared=("offset_h",),
-        places=("tendency",),
     )
     physics = (
         "Fields carry a wrong valid time, or a file is one forecast hour off: the reference runs "

@@ -29,7 +29,6 @@ class TasScale(AirspeedEffect):
         ("scale_percent",),
         on_real_data=True,
         compared=("scale_percent",),
-        read_from=(("along", "aircraft"),),
     )
     physics = (
         "Errors of static port, pitot tube or temperature recovery make the true airspeed wrong "

@@ -28,8 +28,6 @@ class TurnError(ProportionalEffect, HeadingEffect):
         ("amplitude_deg",),
         acts=_turning,
         compared=("amplitude_deg",),
-        places=("bank",),
-        read_from=(("across", "bank"),),
     )
     physics = (
         "In a coordinated turn the flux valve banks with the aircraft and takes in a part of the "

@@ -77,8 +77,6 @@ class Draw:
     on_real_data: bool = False  # can be added to a real valve's record, and shows in one day
     acts: Acts | None = None  # reports it acts on by its nature; all by default
     compared: tuple[str, ...] = ()  # parameters compared with the truth
-    places: tuple[str, ...] = ()  # variables that locate it if it is withheld from the catalogue
-    read_from: tuple[tuple[str, str], ...] = ()  # component and variable in which it is visible
     fault: UnitFault | None = None  # physics, where it is not among the generator's
 
     @property
