@@ -76,7 +76,7 @@ def test_one_cycle_on_two_aircraft(iron, quiet):
 
 
 @pytest.mark.usefixtures("few_variables")
-@pytest.mark.parametrize("size", [1.0, 2.0])
+@pytest.mark.parametrize("size", [pytest.param(1.0, marks=pytest.mark.slow), 2.0])
 def test_constant_one_and_two_cycles_of_all_aircraft_are_three_names(size):
     """Not one table of the heading, which has more evidence than hard iron alone."""
     effects = []

@@ -38,7 +38,9 @@ pytestmark = pytest.mark.usefixtures("blank_cards")
 def archive(tmp_path_factory):
     """January to early March, a file of reports a day and of the model every three hours."""
     folder = tmp_path_factory.mktemp("archive")
-    year.write_fields(folder / "model", HOURS, step=3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(year, "LEVELS", (500, 250))  # its wind is that of all levels
+        year.write_fields(folder / "model", HOURS, step=3)
     year.write_reports(folder / "made", REPORTS, HOURS, AIRCRAFT)
     table = pd.concat([pd.read_parquet(path) for path in (folder / "made").iterdir()])
     table = table[(table["tail"] != NEW) | (table["time"] >= "2009-03-01")]
