@@ -10,7 +10,7 @@ Source: Mitchell and Beauchamp (1988), J. Am. Stat. Assoc. 83, 1023-1032 (spike 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -128,7 +128,7 @@ def _nested(
 
 
 def _alike(
-    variance: Floats, null: Parts, slab: Parts, scale: float, gain: Floats
+    variance: Floats, null: Parts, slab: Parts, scale: float, gain: Floats, able: Booleans
 ) -> tuple[Floats, Floats]:
     """The same as `_nested` for affected aircraft that share a mean.
 
@@ -158,8 +158,8 @@ def _alike(
             affected = gain == gain.max()
         _, score, information = joint(summed(null, ~affected), summed(slab, affected))
         both = np.linalg.solve(prior + information, score)
-        gain = _at(*slab, both[:m] + both[m:]) - _at(*null, both[:m])
-    order = np.argsort(-gain)
+        gain = np.where(able, _at(*slab, both[:m] + both[m:]) - _at(*null, both[:m]), -np.inf)
+    order = np.argsort(-gain)[: able.sum()]
 
     def steps(part: Floats) -> Floats:
         return np.concatenate([np.zeros((1, *part.shape[1:])), np.cumsum(part[order], axis=0)])
@@ -175,11 +175,18 @@ def _alike(
 
 
 def static_evidence(
-    found: Statistics, kappa: float, scopes: str, *, scales: Floats = SCALES, usual: float = SMALL
+    found: Statistics,
+    kappa: float,
+    scopes: str,
+    *,
+    scales: Floats = SCALES,
+    usual: float = SMALL,
+    having: Sequence[int] = (),
 ) -> dict[str, Found]:
     """Evidence of a candidate that acts on the whole archive, by scope (of ``a`` and ``f``).
 
-    ``kappa`` is the noise factor of single aircraft, ``usual`` what no aircraft is free of.
+    ``kappa`` is the noise factor of single aircraft, ``usual`` what no aircraft is free of;
+    aircraft ``having`` the effect by a term in the model have no second one.
     """
     aircraft, m = found.score.shape
     variance, given_back = common_variance(found)
@@ -210,13 +217,14 @@ def static_evidence(
         best = float(scales[each.argmax()])
         out["f"] = Found(evidence, best, tuple(range(aircraft)), np.ones(aircraft))
     if "a" in scopes:
-        prior, able = number_prior(aircraft), np.ones(aircraft, bool)
+        able: Booleans = ~np.isin(np.arange(aircraft), having)
+        prior = number_prior(aircraft)[: able.sum() + 1]
         made = [
             _nested(common, null, parts(s**2 + small), add=np.zeros(aircraft), able=able)
             for s in scales
         ]
         made += [
-            _alike(variance, null, parts((SPREAD * s) ** 2 + small), s, made[k][1])
+            _alike(variance, null, parts((SPREAD * s) ** 2 + small), s, made[k][1], able)
             for k, s in enumerate(scales)
         ]
         each = np.array([by_size + prior for by_size, _ in made]) - nothing

@@ -75,7 +75,7 @@ def screen(model: Model, groups: Sequence[Group] | None = None) -> list[Term]:
             continue
         factor = max(model.kappa, float(np.mean(found.factor)))
         usual_too = model.with_usual(group, found)
-        out += _static(group, usual_too, model.kappa, factor, model.sums.span)
+        out += _static(model, group, usual_too, factor)
     return sorted(out, key=lambda term: -term.score)
 
 
@@ -125,18 +125,23 @@ def _median_variance(parts: Sequence[tuple[Floats, Floats]]) -> float:
     return float(low)
 
 
-def _static(group: Group, found: Statistics, kappa: float, factor: float, days: int) -> list[Term]:
+def _static(model: Model, group: Group, found: Statistics, factor: float) -> list[Term]:
     scopes = group.scopes
-    if days < DAYS:
+    if model.sums.span < DAYS:
         if not group.named:
             return []
         scopes = scopes.replace("f", "")
+    # two terms of one name, or of one variable and component, on one aircraft would cancel
+    same = [t for t in model.terms if t.group.name == group.name and not t.start and t.scope == "a"]
+    having = [a for term in same for a in term.tails]
+    if len(having) == model.sums.A:
+        scopes = scopes.replace("a", "")
     if not scopes:
         return []
-    ranked = static_evidence(found, kappa, scopes)
+    ranked = static_evidence(found, model.kappa, scopes, having=having)
     gated = ranked
-    if factor > kappa and any(r.evidence + group.prior > GATE for r in ranked.values()):
-        gated = static_evidence(found, factor, scopes)
+    if factor > model.kappa and any(r.evidence + group.prior > GATE for r in ranked.values()):
+        gated = static_evidence(found, factor, scopes, having=having)
     out = []
     for scope, one in ranked.items():
         if one.tails:
