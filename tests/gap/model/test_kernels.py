@@ -40,8 +40,8 @@ def test_evidence_of_one_aircraft_of_the_fleet_and_of_what_lasts_in_the_referenc
     found = static_evidence(statistics(one, 400.0), 1.0, "af")
     assert found["a"].tails == (3,)
     assert found["a"].evidence > found["f"].evidence + 10
-    # 0.8 m/s at a variance of 1 / 400 + 0.06^2 is 52 nats, less what scales and sets cost
-    assert 35 < found["a"].evidence < 52
+    # 0.8 m/s at a variance of 1 / 400 + 0.03^2 is 94 nats, less what scales and sets cost
+    assert 70 < found["a"].evidence < 94
     found = static_evidence(statistics(np.full(8, 0.9), 400.0), 1.0, "af")
     assert found["f"].evidence > found["a"].evidence
     # 0.1 m/s on all aircraft is usual whatever the number of reports
@@ -51,6 +51,8 @@ def test_evidence_of_one_aircraft_of_the_fleet_and_of_what_lasts_in_the_referenc
     inexact = replace(exact, remainder=np.where(one > 0, 0.25, 0.0))
     assert static_evidence(exact, 1.0, "a")["a"].tails == (3,)
     assert static_evidence(inexact, 1.0, "a")["a"].tails == ()
+    # an aircraft that has the effect by a term in the model has no second one
+    assert static_evidence(exact, 1.0, "a", having=[3])["a"].inclusion[3] == 0
 
 
 @pytest.mark.parametrize(("shared", "low", "high"), [(0.0, 1.0, 1.3), (1.0, 10.0, 40.0)])

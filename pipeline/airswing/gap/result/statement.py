@@ -22,7 +22,7 @@ from airswing.gap.effects.base import Effect, Stated, WindEffect
 from airswing.gap.effects.empirical import UNIT_OF
 from airswing.gap.model.candidates import Table
 from airswing.gap.model.passes import Fitted
-from airswing.gap.model.terms import Term
+from airswing.gap.model.terms import FIRST_ORDER, Term
 from airswing.gap.result.schema import (
     ClosesEntry,
     CurveEntry,
@@ -40,10 +40,6 @@ CALIBRATION = (-0.24, 0.73)
 LARGEST = 30.0  # log odds
 #: Share of the largest coefficients of a claim from which an aircraft has it.
 SMALL_SHARE = 0.25
-#: Relative standard error of every coefficient beyond its noise: soft iron of 1.1 degrees and hard
-#: iron of 2 degrees put into archives without an effect came out at 0.9997, 0.997 and 0.989 of the
-#: truth; fleet-wide ones of simulated archives at 0.94 and 0.96.
-FIRST_ORDER = 0.02
 #: Cells of a table of one variable and of two, by kind.
 CELLS = {"circular": (36, 12), "linear": (20, 8), "category": (3, 3)}
 #: Log evidence of a rival behind the best within which 95 % of the posterior mass lies, times
