@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from airswing.gap.arrays import Booleans, Integers
 from airswing.gap.model.candidates import Group
@@ -24,6 +23,8 @@ from airswing.gap.model.sums import SIDES
 from airswing.gap.model.terms import BLOCKS, WIDE, Model, Statistics, cluster_factor, number_prior
 
 Floats = NDArray[Any]
+#: Logarithm of a sum of exponentials, along the first axis or another.
+log_sum = np.logaddexp.reduce
 
 #: Scales of the slab, m/s rms where a candidate acts, from half a knot to `WIDE` in steps of three:
 #: half a step off costs 0.1 nat a coefficient. A scale below an effect's size would favour the
@@ -215,7 +216,7 @@ def static_evidence(
     if "f" in scopes:
         wider = [_Common(variance + s**2 * np.eye(m)) for s in scales]
         each = np.array([float(one.total(sums[2], sums[1], sums[0])) for one in wider])
-        evidence = float(logsumexp(each)) - np.log(scales.size) - nothing
+        evidence = float(log_sum(each)) - np.log(scales.size) - nothing
         best = float(scales[each.argmax()])
         out["f"] = Found(evidence, best, tuple(range(aircraft)), np.ones(aircraft))
     if "a" in scopes:
@@ -230,9 +231,9 @@ def static_evidence(
             for k, s in enumerate(scales)
         ]
         each = np.array([by_size + prior for by_size, _ in made]) - nothing
-        weight = np.exp(logsumexp(each, axis=1) - logsumexp(each))
+        weight = np.exp(log_sum(each, axis=1) - log_sum(each, axis=None))
         inclusion = sum(w * _inclusion(gain) for w, (_, gain) in zip(weight, made, strict=True))
-        evidence = float(logsumexp(each)) - np.log(len(made))
+        evidence = float(log_sum(each, axis=None)) - np.log(len(made))
         alike, k = divmod(int(np.unravel_index(each.argmax(), each.shape)[0]), scales.size)
         chosen = tuple(int(a) for a in np.flatnonzero(np.asarray(inclusion) > INCLUDED))
         best, spread = float(scales[k]), SPREAD * alike
@@ -247,7 +248,7 @@ def _inclusion(gain: Floats) -> Floats:
     """
     log_share, log_rest = np.log(SHARES)[:, None], np.log1p(-SHARES)[:, None]
     each = np.logaddexp(log_rest, log_share + gain)
-    weight = np.exp(each.sum(axis=1) - logsumexp(each.sum(axis=1)))
+    weight = np.exp(each.sum(axis=1) - log_sum(each.sum(axis=1)))
     return np.asarray(weight @ np.exp(log_share + gain - each))
 
 
@@ -386,9 +387,9 @@ def _dated(
             at = following[:, d]
             picked = (level[rows, at], linear[rows, at], rest[rows, at])
             nested, gain = _nested(common, null, picked, add=np.zeros(aircraft), able=at >= 0)
-            by_date[d] = logsumexp(nested + prior[: nested.size])
+            by_date[d] = log_sum(nested + prior[: nested.size])
             gains[d] = gain
-        shared.append(float(logsumexp(by_date)) - np.log(days) - nothing)
+        shared.append(float(log_sum(by_date)) - np.log(days) - nothing)
         # dates of their own: each aircraft's best, with what the other dates add
         phi = common.mean(sums[2], sums[1])
         for _ in range(3):
@@ -396,7 +397,7 @@ def _dated(
             density = np.where(able, density, -np.inf)
             best = density.argmax(axis=1)
             each = np.full(aircraft, -np.inf)
-            each[anywhere] = logsumexp(density[anywhere], axis=1) - np.log(dates[anywhere])
+            each[anywhere] = log_sum(density[anywhere], axis=1) - np.log(dates[anywhere])
             inside = each > 0
             picked = (level[rows, best], linear[rows, best], rest[rows, best])
             phi = common.mean(
@@ -406,9 +407,9 @@ def _dated(
         several = np.zeros(aircraft)
         several[anywhere] = each[anywhere] - density[anywhere].max(axis=1)
         nested, gain = _nested(common, null, picked, add=several, able=anywhere)
-        separate.append(float(logsumexp(nested + prior[: nested.size])) - nothing)
+        separate.append(float(log_sum(nested + prior[: nested.size])) - nothing)
         kept.append((by_date, gains, best, gain))
-    evidence = float(np.logaddexp(logsumexp(separate), logsumexp(shared))) - np.log(2 * SCALES.size)
+    evidence = float(np.logaddexp(log_sum(separate), log_sum(shared))) - np.log(2 * SCALES.size)
     if max(shared) >= max(separate):
         k = int(np.argmax(shared))
         by_date, gains, _, _ = kept[k]
@@ -463,7 +464,7 @@ def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | No
             spread = s**2 * information + eye
             solved = np.linalg.solve(spread, score[..., None])[..., 0]
             each.append(0.5 * s**2 * (solved * score).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1])
-        return np.asarray(logsumexp(each, axis=0) - np.log(SCALES.size))
+        return np.asarray(log_sum(each, axis=0) - np.log(SCALES.size))
 
     whole = evidence(information.sum(axis=1), score.sum(axis=1))
     crossed = evidence(
