@@ -90,6 +90,14 @@ def test_a_receivers_trace(tmp_path):
     assert np.isfinite(reports["eastward_wind"]).all()
 
 
+def test_an_integer_that_is_too_large_costs_one_wind_of_a_trace(tmp_path):
+    content = trace()
+    content["trace"][2][4] = 10**400
+    (tmp_path / "trace.json").write_text(json.dumps(content))
+    reports = read_reports(tmp_path / "trace.json")
+    assert np.isfinite(reports["eastward_wind"]).tolist().count(True) == 4
+
+
 def messages():
     """Positions, ground vectors, and headings of two aircraft in rows of their own."""
     rows = []

@@ -20,6 +20,7 @@ import io
 import json
 import re
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -177,10 +178,12 @@ _KEYS = (
     *("track", "heading", "IAS", "TAS", "Mach"),
 )
 _MESSAGE_NEEDED = next(layout for layout in LAYOUTS if layout.messages).signature
+# An integer beyond 64 bits would be refused by an array of numbers.
+_loads = partial(json.loads, parse_int=lambda digits: (int if len(digits) < 20 else float)(digits))
 
 
 def _read_trace(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    content = json.loads(content_of(path))
+    content = _loads(content_of(path))
     content = content if isinstance(content, dict) else {}
     points, begin = content.get("trace"), content.get("timestamp")
     if not isinstance(points, list) or not isinstance(begin, int | float):
@@ -247,7 +250,7 @@ def _read_messages(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
 def _parsed(text: str) -> object:
     """Text parsed as JSON, None if invalid: a recording may end in the middle of a line."""
     try:
-        return json.loads(text)
+        return _loads(text)
     except (ValueError, RecursionError):
         return None
 
