@@ -259,7 +259,7 @@ def monitor(
 @app.command()
 def export(
     config: ConfigPath,
-    to: Annotated[str, typer.Option(help="Format to write; see below.", metavar="FORMAT")],
+    to: Annotated[str, typer.Option(help="Format to write; see above.", metavar="FORMAT")],
     output: Annotated[  # text, since a slash at its end asks for a folder
         str,
         typer.Option(

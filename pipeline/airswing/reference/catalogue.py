@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import reprlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -292,7 +293,8 @@ def catalogues_of(references: object) -> dict[str, Catalogue]:
         or not all(isinstance(one, Catalogue | xr.Dataset) for one in references.values())
     ):
         raise TypeError(
-            "references are a mapping from names to catalogues or Datasets: "
+            "references are a mapping from names to catalogues or Datasets, not "
+            f"{reprlib.repr(references)}: "
             'collocate(reports, {"ruc": build_catalogue("ruc/*.grb", name="ruc")})'
         )
     if not references:
