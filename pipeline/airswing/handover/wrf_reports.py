@@ -4,8 +4,8 @@ OBS_DOMAIN (share/wrf_fddaobs_in.F, formats 101 to 104). Quality 129 on both com
 wind as earth-relative. u = v = 0 means missing: a wind that rounds to calm gets an eastward
 component of 0.001 m/s. ``is_sound`` is true for a single level too: false makes a surface report.
 At 80 hPa and above no wind is used. ACARS reports are written as ``FM-97 AIREP`` with ACARS as
-source, because names with ACARS overwrite each other. A sounding is split where two levels are more
-than 200 hPa apart, as WRF does not use it; one of less than 150 hPa would reach fewer points than
+source, because names with ACARS overwrite each other. WRF does not use a sounding with two levels
+more than 200 hPa apart: it is split there; one of less than 150 hPa would reach fewer points than
 its reports and is written as single levels.
 
 LITTLE_R (var/obsproc/src/module_decoded.F90). The wind counts as speed and direction only, the

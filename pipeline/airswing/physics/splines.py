@@ -46,7 +46,7 @@ def hat_products(values: Sequence[Floats], knots: Sequence[Floats]) -> tuple[Sho
     """Products of the hat functions of several coordinates (n,), each at knots of its axis.
 
     Places of those that may differ from zero in the grid of all knots, the last coordinate varying
-    first, and their values, each (n, 2^coordinates); the values at a place add up to one.
+    fastest, and their values, each (n, 2^coordinates); the values at a place add up to one.
     """
     index, value = np.zeros((len(values[0]), 1), dtype=np.int32), np.ones((len(values[0]), 1))
     for coordinate, nodes in zip(values, knots, strict=True):

@@ -30,7 +30,9 @@ class StageRecord:
     messages: int = 0  # decoded
     reports: int = 0  # matched or handled
     decoding: float = 0.0  # time spent reading and decoding messages, summed over threads, s
-    title: str = ""  # shown at the bar
+
+    def __post_init__(self) -> None:
+        self.title = self.name  # shown at the bar
 
     def enter(self, phase: str, done: float) -> None:
         """Show the current part of the stage and the fraction of it that is done."""
@@ -56,7 +58,7 @@ class Progress:
 
         The block sets the ``note`` of the record to its result, and its counts.
         """
-        record, began = StageRecord(name, title=name), time.perf_counter()
+        record, began = StageRecord(name), time.perf_counter()
         with self._bar(record):
             yield record
         record.seconds = time.perf_counter() - began
@@ -81,7 +83,7 @@ class Progress:
         }
 
     def accounts_text(self) -> str:
-        """The accounts of all stages in one line, as that of a stage."""
+        """The accounts of all stages together, in a line like that of a stage."""
         found = self.accounts()
         return (
             f"{'together':<18} {found['seconds']:7.1f} s  decoding "

@@ -98,7 +98,7 @@ class Reference:
         # field: F N F' for the aircraft's unknowns, N times ``gain`` for the lasting part's
         self.factor, self.gain = np.broadcast_to(np.eye(UNKNOWNS), self.direct.shape), 1.0
         if self.thinned:
-            # without information on a parameter there is no Cholesky factor without the ridge
+            # the ridge gives a factor where an aircraft has no information on a parameter
             trace = np.trace(self.direct, axis1=1, axis2=2)[:, np.newaxis, np.newaxis]
             ridge = 1e-9 * trace * np.eye(UNKNOWNS)
             few = _direct_information(self.some, self.aircraft)

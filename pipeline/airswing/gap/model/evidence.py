@@ -30,9 +30,8 @@ log_sum = np.logaddexp.reduce
 #: half a step off costs 0.1 nat a coefficient. A scale below an effect's size would favour the
 #: effect divided among several terms.
 SCALES = np.array([0.3, 0.9, 2.7, WIDE])
-#: Least m, m/s: the error that no aircraft is free of. Coefficients of single aircraft scatter on
-#: simulated archives without an effect as their noise has it, m being 0.00 to 0.01 m/s; m is three
-#: times that, for what no simulation contains.
+#: Least m, m/s: the error that no aircraft is free of. On simulated archives without an effect m is
+#: 0.00 to 0.01 m/s; three times that allows for errors that no simulation contains.
 SMALL = 0.03
 #: Posterior probability from which an aircraft is stated as affected.
 INCLUDED = 0.75
