@@ -95,7 +95,7 @@ def test_an_integer_that_is_too_large_costs_one_wind_of_a_trace(tmp_path):
     content["trace"][2][4] = 10**400
     (tmp_path / "trace.json").write_text(json.dumps(content))
     reports = read_reports(tmp_path / "trace.json")
-    assert np.isfinite(reports["eastward_wind"]).tolist().count(True) == 4
+    assert reports["eastward_wind"].count() == 4
 
 
 def messages():
