@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from airswing.gap.arrays import Booleans, Integers
 from airswing.gap.model.candidates import Group
@@ -81,14 +82,14 @@ class _Common:
         self.inverse = np.linalg.inv(variance)
         self.log_det = np.linalg.slogdet(variance)[1]
 
-    def total(self, information: Floats, score: Floats, level: Floats) -> Floats:
-        """Log evidence of sums over aircraft (..., m, m), (..., m), (...)."""
+    def total(self, level: Floats, score: Floats, information: Floats) -> Floats:
+        """Log evidence of sums over aircraft (...), (..., m), (..., m, m)."""
         precision = self.inverse + information
         solved = np.linalg.solve(precision, score[..., None])[..., 0]
         gain = 0.5 * (score * solved).sum(-1) - 0.5 * np.linalg.slogdet(precision)[1]
         return np.asarray(level + gain - 0.5 * self.log_det)
 
-    def mean(self, information: Floats, score: Floats) -> Floats:
+    def mean(self, score: Floats, information: Floats) -> Floats:
         """Posterior mean of phi."""
         return np.asarray(np.linalg.solve(self.inverse + information, score))
 
@@ -107,7 +108,7 @@ def _nested(
     common: _Common, null: Parts, slab: Parts, *, add: Floats, able: Booleans
 ) -> tuple[Floats, Floats]:
     """Log evidence of the best set of each size, and each aircraft's gain given the common part."""
-    phi = common.mean(null[2].sum(axis=0), null[1].sum(axis=0))
+    phi = common.mean(null[1].sum(axis=0), null[2].sum(axis=0))
 
     def gain_at(phi: Floats) -> Floats:
         apart = _at(*slab, phi) - _at(*null, phi) + add
@@ -115,8 +116,10 @@ def _nested(
 
     for _ in range(3):  # the order of the aircraft depends on phi, which depends on those affected
         inside = gain_at(phi) > 0
-        information = np.where(inside[:, None, None], slab[2], null[2]).sum(axis=0)
-        phi = common.mean(information, np.where(inside[:, None], slab[1], null[1]).sum(axis=0))
+        phi = common.mean(
+            np.where(inside[:, None], slab[1], null[1]).sum(axis=0),
+            np.where(inside[:, None, None], slab[2], null[2]).sum(axis=0),
+        )
     gain = gain_at(phi)
     order = np.argsort(-gain)
     order = order[np.isfinite(gain[order])]
@@ -124,9 +127,8 @@ def _nested(
     def steps(x: Floats, y: Floats) -> Floats:
         return np.concatenate([y.sum(0)[None], y.sum(0) + np.cumsum((x - y)[order], 0)])
 
-    level, score, information = (steps(x, y) for x, y in zip(slab, null, strict=True))
-    extra = np.r_[0.0, np.cumsum(add[order])]
-    return common.total(information, score, level) + extra, gain
+    sums = map(steps, slab, null)
+    return common.total(*sums) + np.r_[0.0, np.cumsum(add[order])], gain
 
 
 def _alike(
@@ -138,11 +140,9 @@ def _alike(
     integrated together.
     """
     m = variance.shape[0]
-    prior = np.zeros((2 * m, 2 * m))
-    prior[:m, :m], prior[m:, m:] = np.linalg.inv(variance), np.eye(m) / scale**2
-    log_det = np.linalg.slogdet(variance)[1] + 2 * m * np.log(scale)
+    common = _Common(block_diag(variance, scale**2 * np.eye(m)))
 
-    def joint(rest: Parts, inside: Parts) -> Parts:
+    def joint(rest: Sequence[Floats], inside: Sequence[Floats]) -> Parts:
         """Level, score and information in (phi, mu) of sums over aircraft."""
         top = np.concatenate([rest[2] + inside[2], inside[2]], axis=-1)
         bottom = np.concatenate([inside[2], inside[2]], axis=-1)
@@ -150,30 +150,21 @@ def _alike(
         score = np.concatenate([rest[1] + inside[1], inside[1]], axis=-1)
         return rest[0] + inside[0], score, information
 
-    def summed(parts: Parts, chosen: Booleans) -> Parts:
-        level, score, information = (part[chosen].sum(axis=0) for part in parts)
-        return level, score, information
-
     for _ in range(2):
         affected = gain > 0
         if not affected.any():
             affected = gain == gain.max()
-        _, score, information = joint(summed(null, ~affected), summed(slab, affected))
-        both = np.linalg.solve(prior + information, score)
+        rest = [part[~affected].sum(axis=0) for part in null]
+        _, score, information = joint(rest, [part[affected].sum(axis=0) for part in slab])
+        both = common.mean(score, information)
         gain = np.where(able, _at(*slab, both[:m] + both[m:]) - _at(*null, both[:m]), -np.inf)
     order = np.argsort(-gain)[: able.sum()]
 
     def steps(part: Floats) -> Floats:
         return np.concatenate([np.zeros((1, *part.shape[1:])), np.cumsum(part[order], axis=0)])
 
-    inside = (steps(slab[0]), steps(slab[1]), steps(slab[2]))
-    level, score, information = (part.sum(axis=0) - steps(part) for part in null)
-    rest = (level, score, information)
-    level, score, information = joint(rest, inside)
-    precision = prior + information
-    solved = np.linalg.solve(precision, score[..., None])[..., 0]
-    total = level + 0.5 * (score * solved).sum(-1)
-    return total - 0.5 * (np.linalg.slogdet(precision)[1] + log_det), gain
+    rest = [part.sum(axis=0) - steps(part) for part in null]
+    return common.total(*joint(rest, [steps(part) for part in slab])), gain
 
 
 def static_evidence(
@@ -209,12 +200,12 @@ def static_evidence(
         return level, linear, information
 
     common, null = _Common(variance), parts(small)
-    sums = tuple(part.sum(axis=0) for part in null)
-    nothing = float(common.total(sums[2], sums[1], sums[0]))
+    sums = [part.sum(axis=0) for part in null]
+    nothing = float(common.total(*sums))
     out = {}
     if "f" in scopes:
         wider = [_Common(variance + s**2 * np.eye(m)) for s in scales]
-        each = np.array([float(one.total(sums[2], sums[1], sums[0])) for one in wider])
+        each = np.array([float(one.total(*sums)) for one in wider])
         evidence = float(log_sum(each)) - np.log(scales.size) - nothing
         best = float(scales[each.argmax()])
         out["f"] = Found(evidence, best, tuple(range(aircraft)), np.ones(aircraft))
@@ -364,8 +355,8 @@ def _dated(
         return level, np.asarray(solved), np.asarray(np.linalg.solve(spread, information))
 
     null = with_small(whole, whole_score)
-    sums = tuple(part.sum(axis=0) for part in null)
-    nothing = float(common.total(sums[2], sums[1], sums[0]))
+    sums = [part.sum(axis=0) for part in null]
+    nothing = float(common.total(*sums))
     prior, following = number_prior(aircraft), next_day(able)
     dates = np.maximum(able.sum(axis=1), 1)
     anywhere: Booleans = np.asarray(able.sum(axis=1) > 0)
@@ -390,7 +381,7 @@ def _dated(
             gains[d] = gain
         shared.append(float(log_sum(by_date)) - np.log(days) - nothing)
         # dates of their own: each aircraft's best, with what the other dates add
-        phi = common.mean(sums[2], sums[1])
+        phi = common.mean(sums[1], sums[2])
         for _ in range(3):
             density = _at(level, linear, rest, phi) - _at(*null, phi)[:, None]
             density = np.where(able, density, -np.inf)
@@ -400,8 +391,8 @@ def _dated(
             inside = each > 0
             picked = (level[rows, best], linear[rows, best], rest[rows, best])
             phi = common.mean(
-                np.where(inside[:, None, None], picked[2], null[2]).sum(axis=0),
                 np.where(inside[:, None], picked[1], null[1]).sum(axis=0),
+                np.where(inside[:, None, None], picked[2], null[2]).sum(axis=0),
             )
         several = np.zeros(aircraft)
         several[anywhere] = each[anywhere] - density[anywhere].max(axis=1)

@@ -319,10 +319,7 @@ def table_curve(fitted: Fitted, table: Table, tails: Sequence[int], values: Floa
         centres.append(middle)
     functions = np.ones((1, 1))
     for curve, middle in zip(table.curves, centres, strict=True):
-        bounds = curve.functions(middle)
-        functions = np.einsum("ij,kl->ikjl", functions, bounds).reshape(
-            functions.shape[0] * bounds.shape[0], -1
-        )
+        functions = np.kron(functions, curve.functions(middle))
     each = values @ functions.T
     middle = each.mean(axis=0)
     apart = float(np.abs(each - middle).max()) > 1e-9
