@@ -142,9 +142,9 @@ OUTLIERS = {"name": "outliers", "parameters": {"fraction": 0.1}}
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ({"name": "hard_irn", "parameters": {}}, "Did you mean hard_iron"),
+        ({"name": "hard_irn", "parameters": {}}, "did you mean 'hard_iron'"),
         ({"parameters": {}}, "unknown effect"),
-        (IRON | {"parameters": {"amplitude": 1}}, "Did you mean amplitude_deg"),
+        (IRON | {"parameters": {"amplitude": 1}}, "did you mean 'amplitude_deg'"),
         (IRON | {"parameters": {"phase_deg": 1}}, "needs a value of amplitude_deg"),
         (IRON | {"parameters": {"amplitude_deg": "3 kt"}}, "in units of degree"),
         (IRON | {"parameters": {"amplitude_deg": "3 dg"}}, "in units of degree"),
@@ -152,7 +152,7 @@ OUTLIERS = {"name": "outliers", "parameters": {"fraction": 0.1}}
         (IRON | {"parameters": {"amplitude_deg": True}}, "needs a number"),
         (IRON | {"parameters": {"amplitude_deg": float("nan")}}, "amplitude_deg.*nan"),
         (IRON | {"parameters": [3]}, "must be a mapping"),
-        (OUTLIERS | {"tail": ["N1"]}, "Did you mean tails"),
+        (OUTLIERS | {"tail": ["N1"]}, "did you mean 'tails'"),
         (OUTLIERS | {"tails": []}, "list of aircraft"),
         (OUTLIERS | {"period": "July"}, "start, end"),
         (OUTLIERS | {"period": ["2009-08", None]}, "no date"),
@@ -171,7 +171,7 @@ def test_errors_name_the_fault_and_the_file(entry, message):
     [
         (None, "cannot read"),
         ("a: [1\n", "not a YAML file"),
-        ("effect: []\n", "Did you mean effects"),
+        ("effect: []\n", "did you mean 'effects'"),
         ("3\n", "must be a list"),
     ],
 )

@@ -81,7 +81,7 @@ def test_effect_acts_on_its_aircraft_and_period(archive, name, values):
 @pytest.mark.parametrize(
     ("effect", "message"),
     [
-        (ActiveEffect("hard_irom"), "Did you mean hard_iron"),
+        (ActiveEffect("hard_irom"), "did you mean 'hard_iron'"),
         (ActiveEffect("tas_scale", {"scale_percent": 1.0}, ("N999",)), "N999"),
         (ActiveEffect("hard_iron", {"phase_deg": 3.0}), "needs a value of amplitude_deg"),
         (ActiveEffect("heater_current", {"offset_deg": 1.0}), "no icing column"),

@@ -7,7 +7,6 @@ in the unit at the end of the parameter's name, or text with a compatible unit (
 
 from __future__ import annotations
 
-import difflib
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +18,7 @@ import xarray as xr
 import yaml
 
 from airswing.config_file import load_yaml
-from airswing.errors import InputError
+from airswing.errors import InputError, nearest
 from airswing.flags import published
 from airswing.gap.effects import CATALOGUE, ActiveEffect, Parameter, effect_named
 from airswing.gap.effects.base import number
@@ -156,8 +155,8 @@ def _entry(entry: object, file: object | None) -> ActiveEffect:
     name, given = entry.get("name"), entry.get("parameters") or {}
     effect = effect_named(str(name))
     if effect is None:
-        remedy = _nearest(name, CATALOGUE)
-        raise InputError("unknown effect", file=file, field="name", found=name, remedy=remedy)
+        what = f"unknown effect{nearest(str(name), list(CATALOGUE))}"
+        raise InputError(what, file=file, field="name", found=name)
     if not isinstance(given, Mapping):
         raise InputError("parameters must be a mapping", file=file, field=effect.name, found=given)
     known = {parameter.name: parameter for parameter in effect.parameters}
@@ -179,13 +178,6 @@ def _entry(entry: object, file: object | None) -> ActiveEffect:
     return ActiveEffect(effect.name, values, names, _period(entry.get("period"), file))
 
 
-def _nearest(word: object, known: Iterable[str]) -> str:
-    names = list(known)
-    # a lower cutoff than the default of 0.6, which misses short names
-    near = difflib.get_close_matches(str(word), names, n=1, cutoff=0.4)
-    return f"Did you mean {near[0]}?" if near else f"Known: {', '.join(names)}"
-
-
 def _check_keys(
     given: Mapping[object, object],
     known: Iterable[str],
@@ -196,8 +188,8 @@ def _check_keys(
     names = tuple(known)
     for key in given:
         if key not in names:
-            remedy = _nearest(key, names)
-            raise InputError(message, file=file, field=field, found=key, remedy=remedy)
+            what = f"{message}{nearest(str(key), names)}"
+            raise InputError(what, file=file, field=field, found=key)
 
 
 def _number(parameter: Parameter, value: object, file: object | None) -> object:

@@ -16,14 +16,13 @@ Units: those of `airswing.gap.archive.frame`.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
 
-from airswing.errors import InputError
+from airswing.errors import InputError, nearest
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.lattices import HeadingSteps
 from airswing.gap.arrays import Booleans, Floats
@@ -91,10 +90,8 @@ class PreparedEffect:
         for active, seed in zip(effects, seeds, strict=True):
             effect = effect_named(active.name)
             if effect is None:
-                near = difflib.get_close_matches(active.name, list(CATALOGUE), n=1, cutoff=0.0)
-                raise InputError(
-                    "unknown effect", found=active.name, remedy=f"Did you mean {', '.join(near)}?"
-                )
+                what = f"unknown effect{nearest(active.name, list(CATALOGUE))}"
+                raise InputError(what, found=active.name)
             if active.tails is not None:
                 frame.aircraft_mask(active.tails)  # raises for an unknown aircraft
             for name in effect.needs:
