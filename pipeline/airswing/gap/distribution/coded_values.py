@@ -18,6 +18,7 @@ import numpy as np
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.lattices import heading_lattices
 from airswing.gap.arrays import Booleans, Floats, Integers
+from airswing.gap.design import unit_vectors
 from airswing.gap.distribution.entries import (
     LEAST_LEFT,
     against_chance,
@@ -207,7 +208,7 @@ def reduction_of_coding(
     if found.name != "heading_coding":
         return closes(0.0, 0.0)
     # across the heading V^2 step^2 / 12 of the mean square would be missing
-    right = np.stack([np.cos(frame.heading), -np.sin(frame.heading)], -1)
+    right, _ = unit_vectors(frame.heading)
     error = (residual * right).sum(axis=1)
     longer = np.zeros(frame.size)
     for tail, values in per_tail.items():

@@ -26,6 +26,7 @@ import numpy as np
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats, Integers
+from airswing.gap.design import unit_vectors
 from airswing.gap.result.schema import Parameter as Value
 from airswing.physics.atmosphere import (
     GAS_CONSTANT,
@@ -274,7 +275,8 @@ class AirspeedEffect(ProportionalEffect):
         return replace(state, airspeed=self.indicated(state.airspeed, values))
 
     def columns(self, frame: Frame) -> Floats:
-        return -np.stack([np.sin(frame.heading), np.cos(frame.heading)], axis=-1)[None]
+        _, along = unit_vectors(frame.heading)
+        return -along[None]
 
 
 class HeadingEffect(Effect):
@@ -289,7 +291,7 @@ class HeadingEffect(Effect):
         return np.asarray(self.from_parameters(values, frame) @ known(self.basis(frame)))
 
     def columns(self, frame: Frame) -> Floats:
-        right = np.stack([np.cos(frame.heading), -np.sin(frame.heading)], axis=-1)
+        right, _ = unit_vectors(frame.heading)
         derivative = -frame.airspeed[:, None] * right
         return np.asarray(known(self.basis(frame))[:, :, None] * derivative)
 

@@ -15,6 +15,7 @@ from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import KINDS, cells_of, values_of
 from airswing.gap.arrays import Floats
+from airswing.gap.design import unit_vectors
 from airswing.gap.effects.base import MomentEffect, Parameter, Parameters, Random, State
 
 Wind = tuple[Floats, Floats]
@@ -176,8 +177,7 @@ class Empirical(MomentEffect):
 
 def change_of(component: str, *, heading: Floats, airspeed: Floats, u: Floats, v: Floats) -> Floats:
     """Change (n, 2) of the wind (u, v) by one unit of a component (of `UNIT_OF`), m s-1."""
-    sine, cosine = np.sin(heading), np.cos(heading)
-    across, along = np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)
+    across, along = unit_vectors(heading)
     wind, right = np.stack([u, v], -1), np.stack([v, -u], -1)
     match component:
         case "across_heading":
