@@ -319,7 +319,7 @@ def table_curve(fitted: Fitted, table: Table, tails: Sequence[int], values: Floa
         centres.append(middle)
     functions = np.ones((1, 1))
     for curve, middle in zip(table.curves, centres, strict=True):
-        functions = np.kron(functions, curve.functions(middle))
+        functions = np.asarray(np.kron(functions, curve.functions(middle)), np.float64)
     each = values @ functions.T
     middle = each.mean(axis=0)
     apart = float(np.abs(each - middle).max()) > 1e-9
