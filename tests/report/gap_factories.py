@@ -64,7 +64,7 @@ def share(of_gap, q_value):
 
 def counts(days=45, aircraft=14):
     """Return numbers of reports, days and aircraft."""
-    none = dict.fromkeys(("flights", "reports_in_view", "clipped", "gross"), 0)
+    none = dict.fromkeys(("flights", "gross"), 0)
     return {"reports": 30600, "days": days, "aircraft": aircraft} | none
 
 

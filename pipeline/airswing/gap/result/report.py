@@ -86,7 +86,6 @@ def assemble(
         # where nothing is stated the interval holds what could hide
         low, high = low - 0.25 * hidden, high + hidden
     named.sort(key=lambda entry: -entry.held_out_energy)
-    energy = sum(max(e.held_out_energy, 0.0) for e in named) or 1.0
     best = max((claim.gate for claim in claims), default=0.0)
     unknown = None
     if unnamed:
@@ -104,7 +103,6 @@ def assemble(
         effects=[
             replace(
                 entry,
-                share_of_energy=max(entry.held_out_energy, 0.0) / energy,
                 share_of_gap=float(np.clip(entry.closure.reduction / whole, 0, 1))
                 if entry.closure
                 else 0.0,
@@ -126,9 +124,7 @@ def assemble(
         counts=CountsEntry(
             reports=frame.size,
             flights=int(np.unique(frame.flight).size),
-            reports_in_view=frame.size,
             days=int(sums.D),
-            clipped=0.0,
             gross=float(fitted.noise.gross.sum()),
             aircraft=len(frame.tails),
         ),

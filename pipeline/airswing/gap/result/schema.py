@@ -124,9 +124,7 @@ class EffectEntry:
     ambiguous_with: Sequence[str] = ()
     ambiguity: Sequence[RivalEntry] = ()
     share_of_gap: float = 0.0
-    share_of_energy: float = 0.0
     held_out_energy: float = 0.0
-    held_out_energy_standard_error: float = 0.0
     closure: ClosesEntry | None = field(default=None, metadata=LEFT_OUT)
 
 
@@ -152,12 +150,8 @@ class PlaceEntry:
     evidence_nats: float
     size_m_s: float
     curve: CurveEntry
-    equally_good: Sequence[str] = ()
     closure: ClosesEntry | None = None
-    held_out_energy: float = 0.0
-    held_out_energy_standard_error: float = 0.0
     probability: float | None = None
-    largest_m_s: float | None = None
     nearest_effect: str | None = None
     nearest_effect_share: float | None = None
     settled_by: str | None = None
@@ -262,9 +256,7 @@ class CountsEntry:
 
     reports: int
     flights: int
-    reports_in_view: int
     days: int
-    clipped: float
     gross: float
     aircraft: int = 0
 

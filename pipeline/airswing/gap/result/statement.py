@@ -270,7 +270,6 @@ def place_entry(fitted: Fitted, claim: Claim, step: ClosesEntry) -> PlaceEntry:
     words = [words for words in (shape_in_words(curve), begins) if words]
     nearest, share = _nearest(terms)
     size = np.concatenate([_sizes(fitted, k) for k in claim.terms])
-    alike = [n for t in terms for a, n, _ in t.rivals if "|" in n and a < 0.2 * abs(t.score)]
     return PlaceEntry(
         component=group.component,
         variable=group.variables[0],
@@ -281,9 +280,7 @@ def place_entry(fitted: Fitted, claim: Claim, step: ClosesEntry) -> PlaceEntry:
         evidence_nats=round(claim.score, 2),
         size_m_s=float(np.median(size)),
         curve=curve,
-        equally_good=list(dict.fromkeys(alike)),
         closure=step,
-        held_out_energy=2.0 * claim.score,
         probability=claim.weight * probability(claim.gate),
         nearest_effect=nearest,
         nearest_effect_share=share,
