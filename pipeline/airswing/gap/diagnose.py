@@ -30,7 +30,7 @@ from airswing.gap.result.report import assemble, diagnosis_dataset
 from airswing.gap.result.schema import ClosesEntry, EffectEntry, GapReport, PlaceEntry
 from airswing.gap.result.statement import by_member, claims_of, effect_entry
 
-Progress = Callable[[str, float], None]
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def diagnose(
     seed : int
         Of the draws (noise fit, bootstrap).
     progress : callable, optional
-        Called with a stage's name and the fraction done.
+        Called with the name of each stage as it begins.
 
     Returns
     -------
@@ -141,22 +141,22 @@ def diagnose(
             found=f"{reports.size} reports of {flights} flights",
             remedy="at least 200 reports of four flights with model winds are needed",
         )
-    say = progress or (lambda stage, done: None)
+    say = progress or (lambda stage: None)
     frame, catalogue = reports, CATALOGUE if catalogue is None else catalogue
     effects, untestable = usable_effects(frame, catalogue)
-    say("search", 0.0)
+    say("search")
     fitted = fit_model(
         frame, effects, tables=dictionary, exchanges="tail_swap" in catalogue, seed=seed
     )
-    say("closure", 0.0)
+    say("closure")
     claims = claims_of(fitted.terms)
     closure = close(fitted, [claim.terms for claim in claims], seed=seed)
-    say("distribution", 0.0)
+    say("distribution")
     unseen = _unseen_in_means(fitted, closure, catalogue, dictionary, seed)
-    say("where", 0.0)
+    say("where")
     where = slices(Model(fitted.model.sums)) if dictionary else []
     report = assemble(fitted, effects, claims, closure, unseen, where)
-    say("checks", 0.0)
+    say("checks")
     checks, histograms = run_checks(fitted, closure, seed=seed)
     report = replace(report, untestable=untestable, seed=seed, **checks)
     dataset = diagnosis_dataset(fitted).assign(histograms)

@@ -34,9 +34,9 @@ class StageRecord:
     def __post_init__(self) -> None:
         self.title = self.name  # shown at the bar
 
-    def enter(self, phase: str, done: float) -> None:
-        """Show the current part of the stage and the fraction of it that is done."""
-        self.title = f"{self.name}: {phase}{f' {done:.0%}' if done else ''}"
+    def enter(self, phase: str) -> None:
+        """Show the current part of the stage."""
+        self.title = f"{self.name}: {phase}"
 
 
 @dataclass
