@@ -47,6 +47,7 @@ class TimeLag(ProportionalEffect, WindEffect):
         "altitude_offset: in climb alone or in descent alone",
         "reference_time_offset: where the wind's change along the path is its change in time",
     )
+    reverses = True
     reliability = 0.93  # correlation with the true change along the path in simulated archives
 
     def columns(self, frame: Frame) -> Floats:

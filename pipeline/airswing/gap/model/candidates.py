@@ -74,7 +74,9 @@ class Group:
     # with k coefficients if simple
     form: tuple[int, ...] = ()
     reliability: float = 1.0  # squared correlation of the columns with the true ones
-    part: str = "wind"  # what it is an error of: ``heading``, ``airspeed`` or ``wind``
+    # what it is an error of: ``heading``, ``airspeed`` (with what else reverses with the direction of
+    # flight) or ``wind``
+    part: str = "wind"
     dated: bool = False  # whether it acts from a date on
 
     @property
@@ -283,7 +285,8 @@ class Candidates:
             curved = self.curvature(effect.name, self.context)
             if curved is not None:
                 self.curved[effect.name] = curved
-            part = "heading" if isinstance(effect, HeadingEffect) else "airspeed"
+            part = "airspeed" if effect.stage == "sensor" or effect.reverses else "wind"
+            part = "heading" if isinstance(effect, HeadingEffect) else part
             # the ordinary form is as likely as all others together
             shares = [0.5] + [0.5 / (len(forms) - 1)] * (len(forms) - 1) if forms[1:] else [1.0]
             for (form, dated), share in zip(forms, shares, strict=True):
@@ -296,7 +299,7 @@ class Candidates:
                     prior=float(np.log(share / (2 * len(usable)))),
                     form=tuple(form),
                     reliability=effect.reliability if curved is None else 1.0,
-                    part=part if effect.stage == "sensor" else "wind",
+                    part=part,
                     dated=dated,
                 )
                 self._group(columns, group, form)
