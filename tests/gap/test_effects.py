@@ -91,6 +91,16 @@ def test_columns_are_the_derivative_of_the_simulation(perfect, name):
         )
 
 
+@pytest.mark.parametrize("name", [n for n in LINEAR if CATALOGUE[n].stage != "sensor"])
+def test_effects_that_reverse_with_the_direction_of_flight(perfect, name):
+    level = replace(perfect, climb_rate=0 * perfect.climb_rate, dudt=0 * perfect.dudt)
+    level = replace(level, dvdt=0 * level.dvdt)
+    back = replace(level, ground_u=-level.ground_u, ground_v=-level.ground_v)
+    there, returning = (CATALOGUE[name].columns(frame) for frame in (level, back))
+    sign = -1 if CATALOGUE[name].reverses else 1
+    np.testing.assert_allclose(returning, sign * there)
+
+
 @pytest.mark.parametrize("name", LINEAR)
 def test_coefficients_from_parameters(perfect, name):
     effect = CATALOGUE[name]
