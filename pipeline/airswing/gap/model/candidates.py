@@ -74,7 +74,7 @@ class Group:
     # with k coefficients if simple
     form: tuple[int, ...] = ()
     reliability: float = 1.0  # squared correlation of the columns with the true ones
-    # what it is an error of: ``heading``, ``airspeed`` (with what else reverses with the direction of
+    # what it is an error of: ``heading``, ``airspeed`` (with what reverses with the direction of
     # flight) or ``wind``
     part: str = "wind"
     dated: bool = False  # whether it acts from a date on
