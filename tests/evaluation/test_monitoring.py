@@ -283,7 +283,7 @@ def test_a_second_change_soon_after_the_first_is_reported(stepped, monitored):
     ds, fits = stepped
     (event,) = monitored.events
     early = replace(event, date="2008-07-25", noticed="2008-07-27")
-    before = replace(monitored, until="2008-08-07", events=[early], told_before=0)
+    before = replace(monitored, until="2008-08-07", events=[early], reported_before=0)
     # one old event explains one new one, within a month of it
     assert find_events(ds, fits, previous=before).new_events == []
     other = replace(before, events=[replace(early, aircraft="N001")])

@@ -122,18 +122,18 @@ EVENTS = [
 ]
 
 
-def monitored(events, told_before=0, sizes=(0.0, 3.0)):
+def monitored(events, reported_before=0, sizes=(0.0, 3.0)):
     tables = [UnitTable([size] * 8, [0.1] * 8) for size in sizes]
     speeds = {"disagreement_kt": 6.1, "past_disagreement_kt": 4.0}
     states = [
         State("N1", "2009-03-01", "2009-03-20", False, *tables, **speeds),
         State("N<2>", "2009-03-01", "2009-03-12", True),
     ]
-    return Monitoring("2009-03-20", "ruc", states, events, told_before)
+    return Monitoring("2009-03-20", "ruc", states, events, reported_before)
 
 
 def test_new_events_come_first_and_names_are_escaped(tmp_path):
-    content = monitored(EVENTS, told_before=1)
+    content = monitored(EVENTS, reported_before=1)
     lead = monitoring_section(content, SHOW).lead
     assert lead.startswith("New up to 2009-03-20: wind disagreement rose (1), no reports (1).")
     assert lead.endswith("Another table is needed for N1.")

@@ -124,7 +124,7 @@ def full():
             {"assumption": "noise", "check": "distance", "result": "20 % off", "ok": False},
         ],
         calibration={"before": calibration, "after": calibration},
-        decoy=placebo | {"reduction_where_fitted_kt": 0.0, "closes_nothing": True},
+        placebo=placebo | {"reduction_where_fitted_kt": 0.0, "closes_nothing": True},
         claims={
             "taken_off": ["tas_scale"],
             "stay": 0,

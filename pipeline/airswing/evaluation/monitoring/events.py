@@ -139,7 +139,7 @@ class Monitoring:
     reference: str
     states: list[State]
     events: list[Event]  # of all runs, in the order they were noticed
-    told_before: int = 0  # number of events that earlier runs reported; the others are new
+    reported_before: int = 0  # number of events that earlier runs reported; the others are new
     # number of the last events that may not have been shown, because a command was killed: they are
     # also new to the next run
     unsaid: int = 0
@@ -150,7 +150,7 @@ class Monitoring:
     @property
     def new_events(self) -> list[Event]:
         """Events that no earlier run reported."""
-        return self.events[self.told_before :]
+        return self.events[self.reported_before :]
 
     @property
     def differing(self) -> list[str]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from airswing.errors import InputError
 
@@ -402,9 +402,7 @@ class GapReport:
     seed: int = 0
     ambiguity: Mapping[str, Sequence[RivalEntry]] = field(default_factory=dict)
     calibration: CalibrationPair | None = None
-    placebo: Annotated[PlaceboEntry | None, Field(validation_alias="decoy")] = field(
-        default=None, metadata={"key": "decoy"}
-    )
+    placebo: PlaceboEntry | None = None
     aliases: Sequence[AliasEntry] = ()
     assumptions: Sequence[AssumptionEntry] = ()
     claims: ClaimsEntry | None = None
@@ -442,7 +440,7 @@ def _plain(value: object) -> Any:
     if is_dataclass(value):
         each = [(one, getattr(value, one.name)) for one in fields(value)]
         return {
-            one.metadata.get("key", one.name): _plain(item)
+            one.name: _plain(item)
             for one, item in each
             if item is not None or not one.metadata.get("left_out")
         }
