@@ -43,7 +43,7 @@ from airswing.flags import is_corrected, published
 from airswing.products.whole_files import write_json
 from airswing.units import KNOT
 
-VERSION = 1
+VERSION = 2
 NAMED = 20  # most aircraft of a list that the text names; the file names all
 LAST_DAYS = 7  # days with reports whose disagreement is compared with that of the days before
 LEARNING = 14  # days of an archive in which an aircraft's first report is not reported as new
