@@ -7,13 +7,12 @@ import pytest
 
 from airswing.evaluation.monitoring.events import Event, Monitoring, State, UnitTable
 from airswing.report.run.changes import (
-    MOST_EVENT_ROWS,
     monitoring_section,
     stability_section,
     write_monitoring_page,
 )
 from airswing.report.run.evaluation import ranking_section, sensitivity_section
-from tests.report.pages import Drawn, labels
+from tests.report.pages import Drawn
 
 SHOW = Drawn()
 
@@ -144,15 +143,3 @@ def test_new_events_come_first_and_names_are_escaped(tmp_path):
     first = monitoring_section(monitored([], sizes=(3.0, 3.0)), SHOW)
     assert "no, same table" in first.body and "no, same table" not in text
     assert first.lead.startswith("No new event.") and "<img" not in first.body
-
-
-def test_the_time_axis_has_the_latest_event_first_and_a_limit():
-    many = [Event("aircraft_new", "2009-03-02", "2009-03-02", f"N{k:03d}", {}) for k in range(90)]
-    for events, rows, words in (
-        (EVENTS, ["all aircraft at once", "N<2>", "N1"], "n = 3 events in 3 rows"),
-        (many, MOST_EVENT_ROWS, f"{90 - MOST_EVENT_ROWS} more are in events.json"),
-    ):
-        monitoring_section(monitored(events), SHOW)
-        figure = SHOW.made["monitoring"]
-        shown = labels(figure.axes[0])
-        assert rows in (shown, len(shown)) and words in figure.caption

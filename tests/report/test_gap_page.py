@@ -201,7 +201,6 @@ def test_curves_of_unexplained_errors(given):
     gap = content(places=[place(**given)])
     figure = gap_figures(gap, MAPS)["unknown_1"]()
     check_figure(figure)
-    assert words.place_sentence(gap.unknown.where[0], 0).rstrip(".") in figure.caption
     if "variables" in given:
         axes = figure.axes[0]
         assert labels(axes) == ["ascent", "cruise", "descent"]
@@ -216,13 +215,6 @@ def test_the_heading_map_shows_its_cells_and_affected_aircraft_are_bold():
     assert bold == {"N402"}
     layers = labels(gap_figures(content(), MAPS)["phase_level"]().axes[0])
     assert layers == ["850-1100", "700-850", "600-700", "500-600", "400-500", "above 400"]
-
-
-def test_compass_effects_are_drawn_as_the_sum_of_what_was_found():
-    gap = content(iron("N402"), effect("compass_offset", "N402", parameters={"offset_deg": 1.0}))
-    axes = gap_figures(gap, MAPS)["compass_effects"]().axes[0]
-    x, y = next(line for line in axes.lines if line.get_label() == "fitted curve").get_data()
-    assert np.allclose(y, 1.0 + 3.912 * np.sin(np.radians(x + 40.0)))
 
 
 def test_the_waterfall_falls_from_before_to_after():

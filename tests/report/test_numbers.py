@@ -6,7 +6,7 @@ import pytest
 from airswing.errors import InputError
 from airswing.flags import SCREENING, STATUS
 from airswing.report.run import selection
-from airswing.report.run.heading_error import binned_medians, sector_counts
+from airswing.report.run.heading_error import binned_medians
 from airswing.report.run.selection import Run
 from airswing.reports.audit import similar
 from tests.report import factories
@@ -151,14 +151,12 @@ def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went():
         assert len(selection.headline(ds, one, POOL, units).split()) <= 25
 
 
-def test_binned_medians_and_sectors_by_hand():
+def test_binned_medians_by_hand():
     heading = np.array([1.0, 2, 3, 4, 5, 359, 100, 101])
     value = np.array([1.0, 2, 3, 4, 100, 7, 8, 9])
     found = binned_medians(heading, value, width=15.0)
     assert found[:2].tolist() == [[7.5], [3.0]]
     assert found[2, 0] == pytest.approx(1.959964 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
-    counts = sector_counts(np.array([0.0, 22.0, 338.0, 23.0, 180.0]), sectors=8)
-    assert counts.tolist() == [3, 1, 0, 0, 1, 0, 0, 0]  # the first is centred on north
 
 
 def test_tails_that_differ_in_case_or_blanks():

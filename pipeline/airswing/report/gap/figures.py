@@ -12,26 +12,19 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
 from numpy.typing import NDArray
 
-from airswing.gap.result.schema import CurveEntry, GapReport, PlaceEntry, SliceEntry
+from airswing.gap.result.schema import CurveEntry, GapReport, PlaceEntry
 from airswing.report import html
-from airswing.report.gap import words
-from airswing.report.gap.words import number, p_text, plain_name
+from airswing.report.gap.words import plain_name
 from airswing.report.html import BLUE, FAINT, INK, ORANGE, SKY, SOFT, Look, Units, plural
 from airswing.report.html.maps import draw_map, view_of
-from airswing.report.run.heading_error import draw_heading_error, small_panels
 from airswing.report.run.selection import names_of
-from airswing.units import NORMAL_95
 
 Floats = NDArray[np.float64]
-# Cycles of the deviation of each compass effect.
-_CYCLES = {"compass_offset": 0, "hard_iron": 1, "soft_iron": 2}
 _CATEGORIES = {"phase": ("ascent", "cruise", "descent"), "icing": ("off", "on")}
 
 
@@ -40,21 +33,17 @@ def gap_figures(
 ) -> dict[str, Callable[[], Figure]]:
     """Return functions that draw the figures of a diagnosis that have data, by name."""
     effects, places = gap.effects, gap.unknown.where
-    compass = "heading_map" in maps and _CYCLES.keys() & {one.name for one in effects}
     entries: list[tuple[Any, ...]] = [
-        ("compass_effects", compass, _compass_effects_figure, maps, gap),
         *(
             (f"unknown_{place}", True, _unknown_curve_figure, entry, units)
             for place, entry in enumerate(places, 1)
         ),
         ("waterfall", effects or places, _waterfall_figure, gap, units),
-        ("slices", True, _slices_figure, gap.where),
         ("aircraft_heading", "heading_map" in maps, _aircraft_figure, maps, gap, "heading_map"),
         ("phase_level", "level_map_cross" in maps, _phase_level_figure, maps, gap, units),
         ("map", "region_map_u" in maps, _gap_map_figure, maps, gap, units),
         ("aircraft_time", "time_line" in maps, _aircraft_figure, maps, gap, "time_line"),
         ("pit", "pit_count" in maps, _pit_figure, maps),
-        ("evidence", gap.evidence, _evidence_figure, gap),
     ]
     return {name: partial(function, *given) for name, there, function, *given in entries if there}
 
@@ -104,57 +93,6 @@ def _waterfall_figure(gap: GapReport, units: Units) -> Figure:
     )
 
 
-def _deviation_of(gap: GapReport, tail: str) -> tuple[Floats, Floats]:
-    """Return coefficients A to E of the compass effects found on an aircraft, and their errors."""
-    value, error = np.zeros(5), np.zeros(5)
-    for effect in gap.effects:
-        cycles = _CYCLES.get(effect.name)
-        if cycles is None or (effect.tails and tail not in effect.tails):
-            continue
-        entry = (effect.per_tail or {}).get(tail) or effect
-        parameters, errors = dict[str, Any](entry.parameters), entry.standard_errors or {}
-        name, places, shape = "offset_deg", slice(0, 1), np.ones(1)
-        if cycles:
-            name, places = "amplitude_deg", slice(2 * cycles - 1, 2 * cycles + 1)
-            phase = np.radians(parameters["phase_deg"])
-            shape = np.array([np.cos(phase), np.sin(phase)])
-        value[places] += number(parameters.get(name)) * shape
-        error[places] = np.hypot(error[places], np.nan_to_num(number(errors.get(name))))
-    return value, error
-
-
-def _compass_effects_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
-    found = {tail: _deviation_of(gap, tail) for tail in names_of(maps)}
-    tails = [tail for tail, (value, _) in found.items() if np.any(value)][:12]
-    if not tails:
-        return html.empty_figure("No constant compass effect was found")
-    figure, panels = small_panels(len(tails))
-    shown = maps.sel(aircraft=tails)
-    value, error = (shown[f"heading_map{end}"].to_numpy() for end in ("", "_standard_error"))
-    error = np.nan_to_num(error)
-    limit = max(3.0, 1.1 * float(np.nanmax(np.abs(value) + error)))
-    for place, (axes, tail) in enumerate(zip(panels, tails, strict=True)):
-        coefficients, errors = found[tail]
-        fit = xr.Dataset(
-            {
-                "deviation": ("coefficient", coefficients),
-                "deviation_covariance": (("coefficient", "coefficient_2"), np.diag(errors**2)),
-                "table_heading": ("node", np.zeros(8)),
-                "table_correction": ("node", np.full(8, np.nan)),
-                "status": 0,
-            }
-        )
-        bins = np.array([maps["octant"].to_numpy(), value[place], NORMAL_95 * error[place]])
-        bins, none = bins[:, np.isfinite(value[place])], np.empty(0)
-        draw_heading_error(axes, none, none, fit, limit=limit, small=True, bins=bins)
-        axes.set_title(tail, fontsize=9)
-    return figure.say(
-        "Heading error (degree) that the simulation leaves against magnetic heading (degree), and "
-        "the sum of the compass effects found, with 95 % intervals (n = "
-        f"{plural(len(tails), 'aircraft')})."
-    )
-
-
 def _unknown_curve_figure(place: PlaceEntry, units: Units) -> Figure:
     curve = place.curve
     edges = [np.asarray(bounds, float) for bounds in curve.edges or []]
@@ -190,8 +128,7 @@ def _unknown_curve_figure(place: PlaceEntry, units: Units) -> Figure:
         axes.margins(x=max(0.05, 0.5 - 0.1 * value.size))
         axes.tick_params(axis="x", labelrotation=45 if len(names) > 8 else 0, labelsize=8.5)
         axes.set_ylabel(what)
-    sentence = words.place_sentence(place, 0, units=units).rstrip(".")
-    return figure.say(f"{sentence} (n = {plural(int(value.size), 'value')}).")
+    return figure.say(f"Fit of the unexplained error (n = {plural(int(value.size), 'value')}).")
 
 
 def _label_variable(
@@ -206,27 +143,6 @@ def _label_variable(
         axis.set_ticks(0.5 * (edges[1:] + edges[:-1]), names)
     elif edges[0] == 0.0 and edges[-1] == 360.0:
         axis.set_ticks(np.arange(0.0, 361.0, 90.0))
-
-
-def _slices_figure(where: Sequence[SliceEntry]) -> Figure:
-    rows = sorted(where, key=lambda entry: -entry.share_of_gap)[:15]
-    rows = [entry for entry in rows if entry.share_of_gap >= 0.005] or rows[:3]
-    if not rows:
-        return html.empty_figure("No slice has a larger share of the gap than noise")
-    figure, axes = html.panels(1.0 + 0.3 * len(rows))
-    share = 100 * np.array([entry.share_of_gap for entry in rows])
-    q_values = [entry.q_value for entry in rows]
-    colours = [BLUE if value < 0.05 else FAINT for value in q_values]
-    names, label = [words.slice_words(entry) for entry in rows], "share of the gap's variance (%)"
-    texts = [f"{x:.0f} %   q {p_text(q)}" for x, q in zip(share, q_values, strict=True)]
-    html.bars(axes, names, share, texts, label, color=colours)
-    axes.axvline(0.0, color=SOFT, linewidth=0.8)
-    axes.set_xlim(right=max(float(share.max()) * 1.4, 5.0))
-    axes.set_xticks([tick for tick in axes.get_xticks() if tick <= 100.0])
-    return figure.say(
-        f"Cross-validated shares of the gap (n = {plural(len(rows), 'slice')}). Blue: q value "
-        "below 5 %. Slices overlap, so shares need not add to 100 %."
-    )
 
 
 def _cells(maps: xr.Dataset, name: str, *dims: str) -> Floats:
@@ -339,32 +255,6 @@ def _gap_map_figure(maps: xr.Dataset, gap: GapReport, units: Units) -> Figure:
     return figure.say(
         "Mean residual wind (reported minus simulated) by place: its length by colour, its "
         f"direction by arrows ({_reports(gap)}; white: too few flights)."
-    )
-
-
-def _evidence_figure(gap: GapReport) -> Figure:
-    rows = pd.DataFrame(gap.evidence)
-    best = rows[rows["known"]].groupby("name", sort=False)["tempered_nats"].max()
-    best = best.dropna().sort_values(ascending=False, kind="stable")[:20]
-    if best.empty:
-        return html.empty_figure("No effect of the catalogue could be tested")
-    chosen = {effect.name for effect in gap.effects}
-    ambiguous = {name for effect in gap.effects for name in effect.ambiguous_with}
-    figure, axes = html.panels(1.0 + 0.27 * len(best))
-    colours = [
-        BLUE if name in chosen else SKY if name in ambiguous else FAINT for name in best.index
-    ]
-    positive, names = best.clip(lower=0.0), [plain_name(name) for name in best.index]
-    label = "log Bayes factor against no effect (linear to 10, then logarithmic)"
-    texts = [f"{round(value):,}" for value in best]
-    html.bars(axes, names, positive, texts, label, color=colours, height=0.72)
-    axes.set_xscale("symlog", linthresh=10.0)
-    axes.xaxis.set_major_formatter(LogFormatter(linthresh=10.0))
-    axes.set_xlim(0, max(float(positive.max()) * 2.5, 25.0))
-    return figure.say(
-        f"Log Bayes factor of each catalogue effect ({_reports(gap)}). Dark blue: found; light "
-        "blue: ambiguous with one found; grey: neither. Effects with similar columns share "
-        "evidence, so a long grey bar is no finding."
     )
 
 

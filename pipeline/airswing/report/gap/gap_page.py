@@ -7,7 +7,7 @@ brackets are 95 % intervals throughout.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial, wraps
 from pathlib import Path
 from typing import ParamSpec
@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from airswing.gap.diagnose import Diagnosis
 from airswing.gap.diagnose import diagnose as _diagnose
-from airswing.gap.result.schema import GapReport
+from airswing.gap.result.schema import GapReport, SliceEntry
 from airswing.products.whole_files import write_text
 from airswing.report import html
 from airswing.report.gap import words
@@ -130,7 +130,6 @@ def _what_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Section:
         words.start_words(gap.known, gap.simulation, units).strip(),
         html.table(rows, words=["period"], long=long, caption=caption),
         "" if effects or places else none,
-        *drawn("compass_effects"),
     ]
     for k, place in enumerate(places, 1):
         parts.append(html.paragraph(words.place_sentence(place, fleet, units=units), note=True))
@@ -152,20 +151,31 @@ def _what_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Section:
 
 
 def _where_section(gap: GapReport, drawn: _Drawn) -> html.Section:
-    rows = sorted(gap.slices, key=lambda entry: -entry.share_of_gap)
-    columns = {
-        "slice": map(words.slice_words, rows),
-        "share of the gap": [f"{100 * one.share_of_gap:.1f} %" for one in rows],
-        "q value": [p_text(entry.q_value).removeprefix("= ") for entry in rows],
-    }
+    caption = (
+        "Cross-validated shares of the slices with a q value below 5 %. Slices overlap, so shares "
+        "need not add to 100 %."
+    )
     inner = drawn("phase_level", "map", "aircraft_time")
     parts = [
-        *drawn("slices", "aircraft_heading"),
+        _slices_table(gap.where, caption) or "No slice has a q value below 5 %.",
+        *drawn("aircraft_heading"),
         html.folded("By phase and level, on a map, by week", *inner),
-        html.folded(f"All {len(rows)} slices", html.table(columns, long=["slice"])),
+        html.folded(f"All {len(gap.slices)} slices", _slices_table(gap.slices)),
     ]
     lead = "Slices of the archive by their share of the gap, before any effect is assumed."
     return html.Section("where", "Where the gap is", lead, parts)
+
+
+def _slices_table(slices: Sequence[SliceEntry], caption: str = "") -> Markup:
+    rows = sorted(slices, key=lambda one: -one.share_of_gap)
+    columns = {
+        "slice": map(words.slice_words, rows),
+        "share of the gap's variance": [
+            html.bar(one.share_of_gap, f"{100 * one.share_of_gap:.1f} %") for one in rows
+        ],
+        "q value": [p_text(one.q_value).removeprefix("= ") for one in rows],
+    }
+    return html.table(columns, words=list(columns)[:2], caption=caption)
 
 
 def _ambiguous_section(gap: GapReport) -> html.Section:
@@ -291,11 +301,33 @@ def _statistics_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Sec
     calibration = html.table(rows, words=[""]), placebo, *drawn("pit")
     parts = [
         html.folded("Assumptions", assumptions),
-        html.folded("Evidence for each effect", *drawn("evidence")),
+        html.folded("Evidence for each effect", _evidence_table(gap)),
         html.folded("Calibration on held-out flights", *calibration),
         html.folded("Noise model", model),
     ]
     return html.Section("statistics", "Statistics", lead, parts)
+
+
+def _evidence_table(gap: GapReport) -> Markup:
+    best: dict[str, float] = {}
+    for one in gap.evidence:
+        if one.known and one.tempered_nats is not None and np.isfinite(one.tempered_nats):
+            best[one.name] = max(one.tempered_nats, best.get(one.name, -np.inf))
+    found = {effect.name: "found" for effect in gap.effects}
+    rivals = {name: "ambiguous" for effect in gap.effects for name in effect.ambiguous_with}
+    rows = [
+        {
+            "effect": plain_name(name),
+            "log Bayes factor": round(best[name]),
+            "": (rivals | found).get(name, ""),
+        }
+        for name in sorted(best, key=best.__getitem__, reverse=True)
+    ]
+    caption = (
+        "Log Bayes factor of each effect of the catalogue against no effect. Effects with similar "
+        "columns share evidence, so a large factor alone is no finding."
+    )
+    return html.table(rows, words=["effect", ""], caption=caption)
 
 
 class ShownDiagnosis(Diagnosis):

@@ -253,16 +253,6 @@ def interval_rows(
     rows_axis(axes, names, label)
 
 
-def bars(
-    axes: Axes, names: Sequence[str], value: ArrayLike, texts: Iterable[str], axis: str, **look: Any
-) -> None:
-    """Draw values (n,) as bars in named rows, a text right of each; `axis` labels the x axis."""
-    axes.barh(range(len(names)), value, **{"height": 0.7, **look})
-    for row, (end, words) in enumerate(zip(np.maximum(value, 0), texts, strict=True)):
-        axes.text(end, row, f"  {words}", va="center", fontsize=8.5)
-    rows_axis(axes, names, axis)
-
-
 def cell_texts(
     axes: Axes, cells: np.ndarray, text: Callable[[float], str], dark: float, x: ArrayLike = ()
 ) -> None:
@@ -379,6 +369,11 @@ def _cell(value: object) -> object:
     if isinstance(value, int | np.integer):
         return f"{value:,}"
     return number_text(value) if value is None or isinstance(value, float | np.floating) else value
+
+
+def bar(share: float, text: str) -> Markup:
+    """Return a cell of a column of text: a bar of a share (0 to 1) of full length, and the text."""
+    return Markup('<span class="bar" style="width:{:.1f}em"></span>{}').format(12 * share, text)
 
 
 def paragraph(text: str, *, note: bool = False) -> Markup:

@@ -6,10 +6,8 @@ latitude, which serves up to the size of a continent. Sources of the outline: ``
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import lru_cache, partial
 from importlib.resources import files
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -20,13 +18,11 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.flags import PHASE
 from airswing.physics.triangle import wrap_degrees
 from airswing.report import html
 from airswing.report.html import Look, plural
 
 Floats = NDArray[np.float64]
-Groups = Mapping[str, NDArray[np.bool_]]
 
 _LAYERS: dict[str, dict[str, object]] = {
     "state": {"color": "#c3cad2", "linewidth": 0.5},
@@ -35,7 +31,6 @@ _LAYERS: dict[str, dict[str, object]] = {
     "coast": {"color": html.SOFT, "linewidth": 0.7},
 }
 _TALLEST, _FLATTEST = 0.66, 0.42  # Limits of the drawn height of a map over its width
-_LEVELS_HPA = (0, 400, 600, 800, 1100)  # Boundaries of the layers
 MOST_DRAWN = 500_000  # Reports a map draws at most
 
 
@@ -107,14 +102,14 @@ def lines() -> dict[str, list[Floats]]:
     return layers
 
 
-def draw_map(axes: Axes, view: View, *, ticks: int = 6) -> None:
+def draw_map(axes: Axes, view: View) -> None:
     """Draw the outline in a panel and set its limits, aspect and degree labels."""
     for name, look in _LAYERS.items():
         turns = [line + np.array([turn, 0]) for turn in (-360, 0, 360) for line in lines()[name]]
         axes.add_collection(LineCollection(turns, zorder=1.5, **look), autolim=False)
     axes.set(aspect=view.aspect, xlim=view[:2], ylim=view[2:])
     axes.grid(True, linewidth=0.4)
-    for axis, most, ends in ((axes.xaxis, ticks, "EW"), (axes.yaxis, max(ticks - 1, 3), "NS")):
+    for axis, most, ends in ((axes.xaxis, 6, "EW"), (axes.yaxis, 5, "NS")):
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 3, 5, 10]))
         axis.set_major_formatter(FuncFormatter(partial(_degree_label, ends)))
     axes.tick_params(labelsize=8)
@@ -127,72 +122,33 @@ def _degree_label(ends: str, value: float, _position: object = None) -> str:
     return f"{abs(shown):g}°{hemisphere}"
 
 
-def _map_panels(
-    longitude: Floats, latitude: Floats, groups: Groups, columns: int, label: str
-) -> tuple[html.CaptionedFigure, bool]:
-    view, rows, alone = view_of(longitude, latitude), -(-len(groups) // columns), len(groups) == 1
-    dense = max(int(mask.sum()) for mask in groups.values()) > html.MANY
-    width = (html.FULL_WIDTH - (1.1 if dense and alone else 0.0)) / columns - 0.55
-    height = rows * (min(width * view.height_over_width, 7.0) + 0.55)
-    figure, grid = html.panels(height, rows, columns, squeeze=False)
-    for axes, (title, mask) in zip(grid.flat, groups.items(), strict=False):
-        x, y = view.unwrapped(longitude[mask]), latitude[mask]
-        axes.set_title(title)
-        if dense and x.size:
-            cells = 64 if alone else 40
-            look = Look(mincnt=1, cmap=html.DENSITY, norm=LogNorm(), linewidths=0.1, extent=view)
-            look["gridsize"] = cells, max(int(cells * view.height_over_width / np.sqrt(3)), 4)
-            drawn = axes.hexbin(x, y, **look)
-        else:
-            # Fainter with more points, so that the densest places remain visible.
-            alpha = float(np.clip(1500.0 / max(x.size, 1), 0.15, 0.8))
-            look = Look(s=4.0 if alone else 2.5, color=html.BLUE, alpha=alpha, linewidths=0)
-            axes.scatter(x, y, **look)
-        draw_map(axes, view, ticks=6 if alone else 3)
-        if not x.size:
-            axes.text(0.5, 0.5, "no reports", transform=axes.transAxes, ha="center")
-    if dense and alone:
+def places_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
+    """Return the section on the positions of the reports: a map of dots, or of their density."""
+    every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
+    lon, lat = (np.asarray(headings[name], float) for name in ("longitude", "latitude"))
+    known = np.isfinite(lon + lat)
+    number = int(known.sum())
+    lon, lat = lon[known][::every], lat[known][::every]
+    view, how = view_of(lon, lat), "one dot each"
+    x, dense = view.unwrapped(lon), lon.size > html.MANY
+    width = html.FULL_WIDTH - (1.65 if dense else 0.55)
+    figure, axes = html.panels(min(width * view.height_over_width, 7.0) + 0.55)
+    if dense:
+        how = "as a density of hexagons, darker where reports are many"
+        look = Look(mincnt=1, cmap=html.DENSITY, norm=LogNorm(), linewidths=0.1, extent=view)
+        look["gridsize"] = 64, max(int(64 * view.height_over_width / np.sqrt(3)), 4)
+        drawn = axes.hexbin(x, lat, **look)
+        label = f"one in {every} reports" if every > 1 else "reports"
         bar = figure.colorbar(drawn, ax=axes, label=f"{label} in a cell", shrink=0.8, pad=0.01)
         html.count_ticks(bar, float(np.max(np.asarray(drawn.get_array()))))
-    return figure, dense
-
-
-def places_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
-    """Return the section on the positions of the reports: maps of all, by phase and by level."""
-    every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
-    few, label, thinned = slice(None, None, every), "reports", ""
-    if every > 1:
-        label, thinned = f"one in {every} reports", f" One report in {every} is drawn."
-    lon, lat = (np.asarray(headings[name], float) for name in ("longitude", "latitude"))
-    phase, level = headings["phase"].to_numpy(), headings["pressure"].to_numpy() / 100.0
-    phases = {name: phase == PHASE[name] for name in ("ascent", "cruise", "descent", "unknown")}
-    if not phases["unknown"].any():
-        del phases["unknown"]
-    layers = {
-        f"{top}-{bottom} hPa" if top else f"above {bottom} hPa": (top <= level) & (level < bottom)
-        for top, bottom in pairwise(_LEVELS_HPA)
-    }
-    parts = []
-    for name, words, groups, columns in (
-        ("map", "", {"": np.isfinite(lon + lat)}, 1),
-        ("map_by_phase", "phase of flight", phases, len(phases)),
-        ("map_by_level", "layer", layers, 2),
-    ):
-        numbers = {title: int(mask.sum()) for title, mask in groups.items()}
-        titled = {
-            f"{title}  (n = {numbers[title]:,})" if title else "": mask[few]
-            for title, mask in groups.items()
-        }
-        figure, dense = _map_panels(lon[few], lat[few], titled, columns, label)
-        number, how = sum(numbers.values()), "one dot each"
-        caption = f"The reports by {words} (n = {number:,}).{thinned}"
-        if not words:
-            if dense:
-                how = "as a density of hexagons, darker where reports are many"
-            caption = (
-                f"Positions of the reports (n = {plural(number, 'report')} of "
-                f"{plural(headings.sizes['aircraft'], 'aircraft')}), {how}.{thinned}"
-            )
-        parts.append(show(name, figure.say(caption), dpi=120))
-    folded = html.folded("By phase of flight and by level", *parts[1:])
-    return html.Section("places", "Positions of the reports", "", [parts[0], folded])
+    else:
+        # Fainter with more points, so that the densest places remain visible.
+        alpha = float(np.clip(1500.0 / max(x.size, 1), 0.15, 0.8))
+        axes.scatter(x, lat, s=4.0, color=html.BLUE, alpha=alpha, linewidths=0)
+    draw_map(axes, view)
+    figure.say(
+        f"Positions of the reports (n = {plural(number, 'report')} of "
+        f"{plural(headings.sizes['aircraft'], 'aircraft')}), {how}."
+        + (f" One report in {every} is drawn." if every > 1 else "")
+    )
+    return html.Section("places", "Positions of the reports", "", [show("map", figure, dpi=120)])

@@ -28,17 +28,15 @@ if TYPE_CHECKING:
     from airswing.evaluation.monitoring.events import Event, Monitoring, State
 
 # Aircraft in a figure; rows of the tables. The files contain all.
-FEWEST_AIRCRAFT, MOST_AIRCRAFT, MOST_EVENT_ROWS = 2, 10, 24
+FEWEST_AIRCRAFT, MOST_AIRCRAFT = 2, 10
 _MOST_EVENTS, _MOST_STATES = 60, 200
-_SHORTEST = 30  # days that a time axis spans at least
 _FLEET = "all aircraft at once"
-# Words, colour, marker and its size of each kind of event.
 _KINDS = {
-    "compass_changed": ("compass changed", html.VERMILION, "D", 6.5),
-    "disagreement_rose": ("wind disagreement rose", html.ORANGE, "^", 6.5),
-    "aircraft_silent": ("no reports", html.SOFT, "s", 6.5),
-    "aircraft_new": ("new aircraft", html.GREEN, "o", 6.5),
-    "reference_changed": ("reference changed", html.BLUE, "*", 10.0),
+    "compass_changed": "compass changed",
+    "disagreement_rose": "wind disagreement rose",
+    "aircraft_silent": "no reports",
+    "aircraft_new": "new aircraft",
+    "reference_changed": "reference changed",
 }
 
 
@@ -157,53 +155,16 @@ def write_monitoring_page(path: Path, monitoring: Monitoring, *, units: Units = 
 
 def monitoring_section(monitoring: Monitoring, show: html.Figures) -> html.Section:
     """Return the section on new events and on the state of every aircraft."""
-    parts = []
-    if monitoring.events:
-        parts = [show("monitoring", _timeline_figure(monitoring)), _events_table(monitoring)]
     states = _states_table(monitoring, show.units)
-    parts.append(html.folded("State of every aircraft", states, unfolded=not monitoring.events))
+    folded = html.folded("State of every aircraft", states, unfolded=not monitoring.events)
+    parts = [_events_table(monitoring), folded]
     return html.Section("monitoring", "Monitoring", _new_events(monitoring), parts)
-
-
-def _timeline_figure(monitoring: Monitoring) -> Figure:
-    events = sorted(monitoring.events, key=lambda one: (one.noticed, one.date), reverse=True)
-    names = list(dict.fromkeys(one.aircraft or _FLEET for one in events))
-    shown = names[:MOST_EVENT_ROWS]
-    figure, axes = html.panels(1.25 + 0.3 * max(len(shown), 2))
-    drawn = [one for one in events if (one.aircraft or _FLEET) in shown]
-    silent = {state.aircraft for state in monitoring.states if state.silent}
-    last = first = float(days_since_1970(monitoring.until))
-    for one in drawn:
-        row, (_, colour, marker, size) = shown.index(one.aircraft or _FLEET), _KINDS[one.kind]
-        day = float(days_since_1970(one.date))
-        low, high = days_since_1970(one.evidence.get("date_ci", [one.date] * 2))
-        axes.plot([low, high], [row, row], color=colour, alpha=0.3, linewidth=7, zorder=2)
-        if one.kind == "aircraft_silent":
-            end = last if one.aircraft in silent else day + one.evidence["days"]
-            axes.plot([day, end], [row, row], color=html.FAINT, linewidth=7, zorder=1)
-        axes.plot(day, row, marker, color=colour, markersize=size, zorder=3)
-        first = min(first, low, day)
-    axes.axvline(last, color=html.INK, linewidth=0.8)
-    span = max(last - first, _SHORTEST)
-    date_axis(axes)
-    axes.set_xlim(last - 1.06 * span, last + 0.02 * span)
-    html.rows_axis(axes, shown)
-    for kind in (kind for kind in _KINDS if any(one.kind == kind for one in drawn)):
-        words, colour, marker, size = _KINDS[kind]
-        axes.plot([], [], marker, color=colour, label=words, markersize=size)
-    figure.legend(loc="outside upper left", ncols=len(_KINDS), handletextpad=0.3, columnspacing=1.3)
-    rest = f"; {len(names) - len(shown)} more are in events.json" if len(names) > len(shown) else ""
-    return figure.say(
-        f"Events up to {monitoring.until}, the latest first (n = {plural(len(drawn), 'event')} "
-        f"in {plural(len(shown), 'row')}{rest}). Bands: 95 % interval of the date; grey bar: time "
-        "without reports; vertical line: the last day."
-    )
 
 
 def _new_events(monitoring: Monitoring) -> str:
     """Return the new events by kind, and the aircraft that need another table."""
     new = [one.kind for one in monitoring.new_events]
-    counts = [f"{_KINDS[kind][0]} ({new.count(kind)})" for kind in _KINDS if kind in new]
+    counts = [f"{words} ({new.count(kind)})" for kind, words in _KINDS.items() if kind in new]
     text = f"New up to {monitoring.until}: {', '.join(counts)}." if new else "No new event."
     if names := monitoring.differing:
         text += f" Another table is needed for {html.joined(names, most=8)}."
@@ -218,7 +179,7 @@ def _events_table(monitoring: Monitoring) -> Markup:
         "since": [one.date for one in events],
         "95 % interval": [text or "-" for text in dates],
         "aircraft": [one.aircraft or _FLEET for one in events],
-        "event": [_KINDS[one.kind][0] for one in events],
+        "event": [_KINDS[one.kind] for one in events],
         "size": map(_event_size, events),
         "noticed": [one.noticed for one in events],
         "": ["new" if number < new else "" for number in range(len(events))],

@@ -325,33 +325,6 @@ def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
     )
 
 
-def _aircraft_differences_figure(pair: Content) -> Figure:
-    known = [entry for entry in pair.get("aircraft", []) if entry.get("amplitude")]
-    rows = sorted(known, key=lambda entry: -abs(entry["amplitude"]["difference"] or 0.0))
-    rows = rows[:_MOST_ROWS]
-    if not rows:
-        return html.empty_figure("No aircraft has enough reports against both references")
-    figure, panels = html.panels(1.2 + max(0.2 * len(rows), 0.8), 1, 2, sharey=True)
-    label, y = "difference (degree)", np.arange(len(rows))
-    for axes, name in zip(panels, ("amplitude", "offset"), strict=True):
-        value = np.array([entry[name]["difference"] for entry in rows], float)
-        ends = np.array([entry[name]["ci"] for entry in rows], float).T
-        colours = np.where((ends[0] > 0) | (ends[1] < 0), VERMILION, SOFT)
-        axes.hlines(y, *ends, colors=colours, linewidth=1.3)
-        axes.scatter(value, y, s=16, c=colours, zorder=2)
-        html.zero_line(axes)
-        axes.set(title=name.capitalize(), xlabel=label)
-        if np.isfinite(ends).any():
-            reach = 1.1 * float(np.nanpercentile(np.abs(ends), 97)) or 1.0
-            axes.set_xlim(-reach, reach)
-    html.rows_axis(panels[0], [entry["aircraft"] for entry in rows], label)
-    more = f" of {len(known)}, those with the largest" if len(known) > len(rows) else ""
-    return figure.say(
-        f"{_pair_name(pair)}: difference of each aircraft with 95 % intervals "
-        f"(n = {len(rows)} aircraft{more}). Orange: the interval excludes zero."
-    )
-
-
 def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Section:
     """Return the section on the comparison of references."""
     title, pairs, units = "Comparison of references", sensitivity.get("pairs"), show.units
@@ -365,11 +338,6 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
         more = f", and {len(apart) - 2} more pairs" if len(apart) > 2 else ""
         lead = f"Not poolable: {named}{more}."
     details = [_pair_table(pairs, "Every pair.", units)]
-    for pair in pairs:
-        # A pool against its member repeats the difference of the members, reduced.
-        if pair.get("aircraft") and pair.get("own_test", True):
-            name = f"references_{'_'.join(pair['references'])}"
-            details.append(show(name, _aircraft_differences_figure(pair)))
     for words in _SLICES:
         if slices := sensitivity.get(f"by_{words.removesuffix(' of flight').replace(' ', '_')}"):
             details.append(_pair_table(slices, f"By {words}.", units))
@@ -396,7 +364,7 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
     details.append(html.table(corners, words=("three references", "reference"), caption=note))
     parts = [
         show("references", pair_differences_figure(pairs)),
-        html.folded("Tables, single aircraft, and slices of the reports", *details),
+        html.folded("Tables, also by slices of the reports", *details),
     ]
     return html.Section("sensitivity", title, lead, parts)
 

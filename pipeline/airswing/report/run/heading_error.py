@@ -16,10 +16,8 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_pdf import PdfPages
-from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Wedge
 from numpy.typing import ArrayLike, NDArray
 
 from airswing.compass.correction import deviation_curve, main_reference
@@ -46,7 +44,6 @@ _SMALL_DRAWN = 400
 # Widest common scale of small panels, degrees, so that one aircraft does not flatten the others.
 _WIDEST = 25.0
 _COLUMNS = 4
-_SECTORS = 24
 _GRID = np.linspace(0.0, 360.0, 121)
 #: A deviation card in a cockpit has twelve rows: every 30 degrees.
 CARD_HEADINGS = np.arange(0.0, 360.0, 30.0)
@@ -99,13 +96,12 @@ def draw_heading_error(
     *,
     limit: float | None = None,
     small: bool = False,
-    bins: Floats | None = None,
 ) -> None:
     """Draw the heading error (n,) of one aircraft against magnetic heading, degrees, in a panel.
 
     `fit` is the fit of this aircraft against one reference. `limit` is half the height of the
-    panel, degrees, by default from the data; `bins` replaces the medians of the reports. A small
-    panel, one of many, has fewer points, thinner lines and no axis titles.
+    panel, degrees, by default from the data. A small panel, one of many, has fewer points, thinner
+    lines and no axis titles.
     """
     usable, curve = bool(published(fit["status"])), _curve(fit)
     limit = _error_limit(error, curve) if limit is None else limit
@@ -129,9 +125,8 @@ def draw_heading_error(
         if usable:
             line = Look(linestyle="-", label="fitted curve")
         axes.plot(_GRID, curve, color=BLUE, linewidth=2.2 * scale, zorder=3, **line)
-    if bins is None:
-        bins = binned_medians(heading, error, width=SMALL_BIN_WIDTH if small else BIN_WIDTH)
-    centre, median, reach = bins
+    width = SMALL_BIN_WIDTH if small else BIN_WIDTH
+    centre, median, reach = binned_medians(heading, error, width=width)
     axes.vlines(centre, median - reach, median + reach, color=INK, linewidth=1.0, zorder=4)
     dots = Look(color=INK, markersize=4.5 * scale, zorder=4)
     axes.plot(centre, median, "o", label="median of the reports, 95 % interval", **dots)
@@ -203,8 +198,12 @@ def heading_errors_figure(run: Run, names: Sequence[str]) -> Figure:
     shown = [(name, *run.points(name), run.fit(name)) for name in names]
     limits = [_error_limit(error, _curve(fit)) for *_, error, fit in shown]
     limit = min(_WIDEST, max(limits))
-    figure, panels = small_panels(len(names))
-    for axes, (name, heading, error, fit) in zip(panels, shown, strict=True):
+    rows = -(-len(names) // _COLUMNS)
+    shared = Look(sharex=True, sharey=True, squeeze=False)
+    figure, panels = html.panels(0.45 + 1.85 * rows, rows, _COLUMNS, **shared)
+    for axes in panels.flat[len(names) :]:
+        axes.axis("off")
+    for axes, (name, heading, error, fit) in zip(panels.flat, shown, strict=False):
         draw_heading_error(axes, heading, error, fit, limit=limit, small=True)
         axes.set_title(name, fontsize=9)
         axes.set_title(f"n = {heading.size:,}", fontsize=8, loc="right", weight="normal")
@@ -219,60 +218,8 @@ def heading_errors_figure(run: Run, names: Sequence[str]) -> Figure:
     )
 
 
-def small_panels(number: int) -> tuple[html.CaptionedFigure, list[Axes]]:
-    """Return a figure with a number of panels of one scale, four in a row."""
-    rows = -(-number // _COLUMNS)
-    shared = Look(sharex=True, sharey=True, squeeze=False)
-    figure, grid = html.panels(0.45 + 1.85 * rows, rows, _COLUMNS, **shared)
-    for axes in grid.flat[number:]:
-        axes.axis("off")
-    return figure, list(grid.flat[:number])
-
-
 def _table_words(fits: xr.Dataset) -> str:
     return "the table" if selection.adds_error(fits) else "minus the table"
-
-
-def sector_counts(heading: Floats, *, sectors: int = _SECTORS) -> NDArray[np.int64]:
-    """Count reports in equal sectors of heading, the first centred on north."""
-    turned = (heading + 180.0 / sectors) % 360.0
-    return np.histogram(turned, bins=sectors, range=(0.0, 360.0))[0]
-
-
-def coverage_figure(headings: xr.Dataset, names: Sequence[str]) -> Figure:
-    """Draw a rose of the magnetic headings of each aircraft's screened reports."""
-    columns = min(8, max(len(names), 3))
-    rows = -(-len(names) // columns)
-    pitch_x, pitch_y, turn = 2.45, 3.0, 360.0 / _SECTORS
-    figure, axes = html.panels(min(9.6 / columns * pitch_y / pitch_x, 2.4) * rows + 0.1)
-    total, circles, wedges, middle = 0, [], [], Look(ha="center", va="center")
-    for index, name in enumerate(names):
-        reports = aircraft_reports(headings, name)
-        heading = reports["magnetic_heading"].to_numpy()[selection.used(reports)].astype(float)
-        heading = heading[np.isfinite(heading)]
-        total += heading.size
-        x, y = pitch_x * (index % columns), -pitch_y * (index // columns)
-        circles.append(Circle((x, y), 1.0))
-        counts = sector_counts(heading)
-        for place, radius in enumerate(np.sqrt(counts / max(int(counts.max()), 1))):
-            east = 90.0 - turn * place  # anticlockwise from east
-            wedges.append(Wedge((x, y), float(radius), east - turn / 2, east + turn / 2))
-        points = int(np.count_nonzero(sector_counts(heading, sectors=8)))
-        axes.text(x, y + 1.14, "N", fontsize=7, color=SOFT, **middle)
-        axes.text(x, y - 1.2, name, fontsize=9, weight="bold", **middle)
-        below, colour = f"{heading.size:,}, {points} of 8", INK if points == 8 else VERMILION
-        axes.text(x, y - 1.48, below, fontsize=7.5, color=colour, **middle)
-    axes.add_collection(PatchCollection(circles, facecolor="none", edgecolor=html.FAINT))
-    look = Look(facecolor=BLUE, edgecolor="white", linewidth=0.4, alpha=0.9)
-    axes.add_collection(PatchCollection(wedges, **look))
-    axes.set(xlim=(-1.25, pitch_x * (columns - 1) + 1.25), aspect="equal")
-    axes.set_ylim(-pitch_y * (rows - 1) - 1.7, 1.3)
-    axes.axis("off")
-    return figure.say(
-        f"Magnetic headings of each aircraft's screened reports in {_SECTORS} sectors, north up; "
-        f"areas are numbers (n = {plural(total, 'report')}, {plural(len(names), 'aircraft')}). "
-        "Below: reports and compass points flown (orange: fewer than eight)."
-    )
 
 
 def steer(error: ArrayLike, wanted: ArrayLike) -> Floats:

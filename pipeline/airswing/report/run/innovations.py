@@ -1,36 +1,27 @@
 """Innovation statistics (observation minus reference): figures and a section of the page.
 
-Takes ``innovation_statistics.nc`` (:mod:`airswing.evaluation.innovations`). A sounding shows one
-ascent or descent as reported, as corrected and in the reference.
+Takes ``innovation_statistics.nc`` (:mod:`airswing.evaluation.innovations`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-import pandas as pd
 import xarray as xr
-from markupsafe import Markup
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from airswing.evaluation.innovations import combined
-from airswing.flags import PHASE
-from airswing.products.ragged import aircraft_of_report
 from airswing.report import html
-from airswing.report.html import STATES, Look, Units, number_text, per_m_s, plural
+from airswing.report.html import STATES, Look, Units, per_m_s, plural
 from airswing.report.run.changes import date_axis, days_since_1970
-from airswing.report.run.selection import Run, members, names_of, pooled
+from airswing.report.run.selection import Run, names_of
 
-Floats = NDArray[np.float64]
 _QUANTITIES = ("speed", "direction", "eastward", "northward")
 _CELLS = ("aircraft", "flight_phase", "layer")
 # Aircraft in the figures.
 _MOST_SERIES, _MOST_AIRCRAFT = 7, 20
-# Reports that a sounding needs at least.
-_SOUNDING_REPORTS = 4
 
 
 def _unit(quantity: str, units: Units) -> tuple[str, float]:
@@ -124,84 +115,10 @@ def _innovation_series_figure(statistics: xr.Dataset, names: Sequence[str], unit
     )
 
 
-def _innovation_table(statistics: xr.Dataset, by: str, units: Units) -> Markup:
-    cells, states = _cells_by(statistics, by), [state for state, *_ in STATES]
-    # the states of a row together
-    cells = cells.transpose("row", "state", ...)
-    title = by.replace("_", " ")
-    columns: dict[str, Iterable[object]] = {
-        title: np.repeat(names_of(cells, "row"), len(states)).tolist(),
-        "": states * cells.sizes["row"],
-    }
-    for quantity in _QUANTITIES:
-        digits, (unit, factor) = (1 if quantity == "direction" else 2), _unit(quantity, units)
-        for words, kind in (("bias", "bias"), ("SD", "standard_deviation"), ("rms", "rms")):
-            values = factor * cells[f"innovation_{quantity}_{kind}"].to_numpy().ravel()
-            name = f"{quantity} {words} ({unit.replace('degree', '°')})"
-            columns[name] = [number_text(x, digits=digits) for x in values]
-    columns["reports"] = cells["innovation_speed_count"].to_numpy().ravel().astype(int)
-    caption = f"Observation minus {statistics['reference'].item()}, screened reports."
-    return html.table(columns, words=(title, ""), caption=caption)
-
-
-def _sounding_figure(run: Run, headings: xr.Dataset, corrected: xr.Dataset) -> Figure:
-    phase, wind = headings["phase"].to_numpy(), corrected["corrected_eastward_wind"].to_numpy()
-    usable = np.isin(phase, [PHASE["ascent"], PHASE["descent"]]) & np.isfinite(wind)
-    columns = {"row": aircraft_of_report(headings), "flight": headings["flight"].to_numpy()}
-    flown = pd.DataFrame(columns | {"phase": phase})[usable]
-    sizes = flown.groupby(list(flown)).size()
-    sizes, known = sizes[sizes >= _SOUNDING_REPORTS], names_of(headings)
-    name = next((name for name in run.order if known.index(name) in sizes.index), "")
-    if not name:
-        return html.empty_figure("No ascent or descent has enough reports for a sounding")
-    row = known.index(name)
-    longest = flown.eq([row, *sizes[row].idxmax()]).all(axis=1)
-    picked = flown.index[longest].to_numpy()
-    reference, units = run.reference, run.units
-    ways, factor = ("eastward", "northward"), per_m_s(units)
-    names = [f"{of}{way}_wind" for of in ("", "reference_") for way in ways]
-    picked = picked[np.argsort(-headings["pressure"].isel(report=picked).to_numpy())]
-    reports = headings[["time", "pressure", *names]].isel(report=picked).load()
-    chosen, pressure = members(headings, reference), reports["pressure"].to_numpy() / 100.0
-    winds = {
-        "reported": [reports[f"{way}_wind"].to_numpy() for way in ways],
-        "corrected": [
-            corrected[f"corrected_{way}_wind"].isel(report=picked).to_numpy() for way in ways
-        ],
-        reference: [pooled(reports, chosen, f"reference_{way}_wind") for way in ways],
-    }
-    figure, panels = html.panels(4.6, 1, 3, sharey=True, width_ratios=(1, 1, 0.45))
-    # At most 20 barbs in a column, or they cover each other.
-    few = slice(None, None, max(1, -(-picked.size // 20)))
-    colours = (html.ORANGE, html.BLUE, html.INK)
-    for place, (colour, (label, (u, v))) in enumerate(zip(colours, winds.items(), strict=True)):
-        look = html.series(place, markersize=3.5) | {"color": colour}
-        panels[0].plot(factor * np.hypot(u, v), pressure, label=label, linewidth=1.3, **look)
-        # without a line, which would cross the panel where directions pass north
-        direction = np.degrees(np.arctan2(-u, -v)) % 360.0
-        panels[1].plot(direction, pressure, linestyle="", **look)
-        x, barbs = np.full(pressure[few].size, float(place)), (factor * u[few], factor * v[few])
-        panels[2].barbs(x, pressure[few], *barbs, length=5.5, color=colour, linewidth=0.7)
-    panels[0].set(xlabel=f"wind speed ({units})", ylabel="pressure (hPa)", xlim=(0.0, None))
-    panels[0].set_ylim(float(pressure.max()) + 40.0, float(pressure.min()) - 25.0)
-    panels[1].set(xlabel="wind direction (degree)", xlim=(0, 360), xticks=range(0, 361, 90))
-    panels[2].set(xlabel=f"barbs (10 {units})", xlim=(-0.7, 2.7), xticks=[])
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
-    first = np.datetime_as_string(reports["time"].to_numpy().min(), "m").replace("T", " ")
-    return figure.say(
-        f"Sounding of {name} on {first} UTC: wind as reported, corrected, and of {reference} "
-        f"(n = {plural(picked.size, 'report')})."
-    )
-
-
 def innovations_section(
-    statistics: xr.Dataset | None,
-    run: Run,
-    headings: xr.Dataset,
-    corrected: xr.Dataset | None,
-    show: html.Figures,
+    statistics: xr.Dataset | None, run: Run, show: html.Figures
 ) -> html.Section:
-    """Return the section on the innovations, and a sounding where winds were corrected."""
+    """Return the section on the innovations."""
     parts, lead, units = [], "", show.units
     if statistics is not None and not statistics["innovation_speed_count"].any():
         lead = "No report has a phase, a layer and a reference wind."
@@ -220,14 +137,9 @@ def innovations_section(
             lead += f"{', '.join(changes)}."
         names = [name for name in run.order if name in names_of(statistics)][:_MOST_SERIES]
         parts.append(show("innovations", _innovation_figure(statistics, units), dpi=120))
-        tables = [_innovation_table(statistics, by, units) for by in _CELLS]
-        parts.append(html.folded("Tables by aircraft, phase of flight and layer", *tables))
         figure = _innovation_histogram_figure(statistics, units)
         parts.append(html.folded("Histogram", show("innovation_histogram", figure)))
         series = _innovation_series_figure(statistics, names, units)
         shown = show("innovation_series", series, dpi=120)
         parts.append(html.folded("Daily means by aircraft", shown))
-    if corrected is not None:
-        sounding = show("sounding", _sounding_figure(run, headings, corrected))
-        parts.append(html.folded("A sounding", sounding))
     return html.Section("innovations", "Innovations (observation minus reference)", lead, parts)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from airswing.compass.correction import main_reference
 from airswing.evaluation import Evaluation
@@ -25,17 +24,17 @@ from airswing.report import html
 from airswing.report.html import FAINT, SOFT, Look, Units, interval_text, plural
 from airswing.report.html.maps import places_section
 from airswing.report.run import evaluation as judged
-from airswing.report.run import heading_error as compass
 from airswing.report.run import selection
 from airswing.report.run.changes import monitoring_section, stability_section
+from airswing.report.run.heading_error import heading_errors_figure
 from airswing.report.run.innovations import innovations_section
 from airswing.report.run.reading_warnings import model_reasons, reading_warnings, tally
 from airswing.report.run.selection import BeforeAfter, Run, names_of, status_words
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
-# Aircraft in small panels, in one figure of small panels, in large panels, and in an overview.
-SMALL_PANELS, SMALL_TOGETHER, LARGE_PANELS, OVERVIEW = 96, 12, 12, 40
+# Aircraft in panels, in one figure of panels, and in an overview.
+PANELS, TOGETHER, OVERVIEW = 96, 12, 40
 # Most skipped report files that are named; the product names all.
 _FILES_NAMED = 20
 
@@ -131,14 +130,14 @@ def write_page(
         found.monitoring and monitoring_section(found.monitoring, show),
         _curves_section(run, show),
         _fleet_section(run, apart, show),
-        innovations_section(found.innovations, run, headings, corrected, show),
+        innovations_section(found.innovations, run, show),
         found.ranking and judged.ranking_section(found.ranking, found.virtual, show),
         found.stability and stability_section(found.stability, show, period),
         found.field_test and judged.field_test_section(found.field_test, show),
         found.sensitivity and judged.sensitivity_section(found.sensitivity, show),
         errors is not None and judged.report_errors_section(errors, show),
         places_section(headings, show),
-        _audit_section(headings, show),
+        _audit_section(headings),
         html.Section("run", "This run", "", [html.table(columns, words=["item"], long=["value"])]),
     ]
     text = html.document(
@@ -225,33 +224,17 @@ def _corrections_section(run: Run, folder: Path) -> html.Section:
 
 def _curves_section(run: Run, show: html.Figures) -> html.Section:
     parts: list[str] = []
-    order = run.order
-    for start in range(0, len(order[:SMALL_PANELS]), SMALL_TOGETHER):
-        names = order[start : min(start + SMALL_TOGETHER, SMALL_PANELS)]
-        figure = compass.heading_errors_figure(run, names)
-        shown = show(f"heading_errors_{start // SMALL_TOGETHER + 1}", figure, dpi=120)
+    order = run.order[:PANELS]
+    for start in range(0, len(order), TOGETHER):
+        names = order[start : start + TOGETHER]
+        figure = heading_errors_figure(run, names)
+        shown = show(f"heading_errors_{start // TOGETHER + 1}", figure, dpi=120)
         title = f"{names[0]} to {names[-1]}, by amplitude ({len(names)} aircraft)"
         parts.append(shown if start == 0 else html.folded(title, shown))
-    parts.append(html.heading("Each aircraft"))
-    if len(order) > LARGE_PANELS:
-        few = f"The {LARGE_PANELS} aircraft with the largest amplitude; the swing cards show all."
-        parts.append(few)
-    for index, name in enumerate(order[:LARGE_PANELS]):
-        fit = run.fit(name)
-        if not np.isfinite(fit["deviation"].to_numpy()).any():
-            continue  # the small panel has its reports
-        given = run.headings, run.fits, name, run.reference
-        figure = compass.heading_error_figure(*given, units=run.units)
-        shown, values = show(f"heading_error_{index + 1:02d}_{name}", figure, dpi=120), ""
-        if published(fit["status"]):
-            texts = selection.coefficient_texts(fit).items()
-            values = ", ".join(f"{letter} = {value}" for letter, value in texts)
-            values = f"Coefficients with 95 % intervals: {values}."
-        title = f"{name}: {selection.fit_words(fit)}"
-        parts.append(html.folded(title, shown, values, unfolded=index == 0))
     lead = (
         "Heading error is the indicated heading minus the heading implied by the reference wind; "
-        "for a compass without deviation it scatters about zero."
+        "for a compass without deviation it scatters about zero. The swing cards have a page for "
+        "each aircraft with a fit."
     )
     return html.Section("curves", "Heading error against heading", lead, parts)
 
@@ -262,8 +245,6 @@ def _fleet_section(run: Run, apart: BeforeAfter | None, show: html.Figures) -> h
     parts = [show("fleet", _fleet_figure(run.fits, names))]
     if apart is not None:
         parts.append(show("disagreement", _before_after_figure(run, apart, names)))
-    roses = show("headings_flown", compass.coverage_figure(run.headings, names))
-    parts.append(html.folded("Headings flown", roses))
     return html.Section("fleet", "The fleet", few if len(names) < len(run.order) else "", parts)
 
 
@@ -340,54 +321,37 @@ def _before_after_figure(run: Run, apart: BeforeAfter, aircraft: Sequence[str]) 
     )
 
 
-def _audit_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
+def _audit_section(headings: xr.Dataset) -> html.Section:
     reading = tally(headings, "reading_audit")
     total, kept = headings.sizes["report"], selection.kept_reports(headings)
-    rules = [(rule.replace("_", " "), *rest) for rule, *rest in selection.screening_audit(headings)]
-    names, marked, alone = zip(*rules, strict=True) if rules else ((), (), ())
-    shares = [f"{100 * number / total:.1f} %" for number in marked]
-    reasons = [
-        (before + name.replace("_", " "), number, colour)
-        for before, key, colour in (("", "dropped", SOFT), ("repaired: ", "repaired", FAINT))
-        for name, number in sorted(reading.get(key, {}).items(), key=lambda item: -item[1])
+    rules = selection.screening_audit(headings)
+    longest = max((marked for _, marked, _ in rules), default=1)
+    screened = [
+        {
+            "screening rule": rule.replace("_", " "),
+            "reports marked": html.bar(
+                marked / longest, f"{marked:,} ({100 * marked / total:.1f} %)"
+            ),
+            "only by this rule": alone,
+        }
+        for rule, marked, alone in rules
+    ]
+    changed = [
+        {"on reading": f"{what}: {name.replace('_', ' ')}", "reports": number}
+        for what in ("dropped", "repaired")
+        for name, number in sorted(reading.get(what, {}).items(), key=lambda item: -item[1])
         if number
     ]
-    kinds, numbers, colours = zip(*reasons, strict=True) if reasons else ((), (), ())
-    lines = max(len(rules), len(reasons), 1)
-    widths = (1.25, 1) if reasons else (1, 0.001)
-    figure, (left, right) = html.panels(1.5 + 0.32 * lines, 1, 2, width_ratios=widths)
-    left.set_title("Screening before the fit")
-    if rules:
-        texts = [f"{number:,} ({share})" for number, share in zip(marked, shares, strict=True)]
-        html.bars(left, names, marked, texts, "reports", color=html.SKY, label="by this rule")
-        left.barh(range(len(names)), alone, color=html.BLUE, height=0.7, label="by no other rule")
-        left.legend(loc="lower right", title="reports marked")
-    else:
-        html.blank(left, "No rule excluded a report.")
-    if reasons:
-        right.set_title("Dropped or repaired on reading")
-        html.bars(right, kinds, numbers, map("{:,}".format, numbers), "reports", color=colours)
-    else:
-        right.axis("off")
-    for axes, most in ((left, 1.5 * max([*marked, 1])), (right, 1.35 * max([*numbers, 1]))):
-        # Space for the numbers to the right of the bars.
-        axes.set(xlim=(0, most), ylim=(lines - 0.4, -0.6))
-        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-    figure.say(
-        f"{kept:,} ({100 * kept / max(total, 1):.1f} %) entered the fits "
-        f"(n = {plural(total, 'report')}). Dark: marked only by that rule."
-    )
-    titles = ("rule", "reports marked", "only by this rule", "share of all")
-    columns = dict(zip(titles, (names, marked, alone, shares), strict=True))
-    caption = f"Screening by rule (n = {total:,} reports)."
     others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:_FILES_NAMED]
     messages = [*reading_warnings(reading), *(f"also left out: {reason}" for reason in others)]
     for name, entry in tally(headings, "reference_audit").items():
         why = model_reasons([*entry.get("skipped", []), *entry.get("unread", [])])
         messages += [f"{name}: {line}" for line in [*why, *entry.get("notes", [])]]
+    share = 100 * kept / max(total, 1)
+    lead = f"{kept:,} of {plural(total, 'report')} ({share:.1f} %) entered the fits."
     parts = [
-        show("screening", figure),
-        html.folded("Counts", html.table(columns, words=["rule"], caption=caption)),
+        html.table(screened, words=["screening rule", "reports marked"]),
+        html.table(changed, words=["on reading"]),
         html.folded("Files and messages", html.listing(messages), unfolded=True),
     ]
-    return html.Section("audit", "Omitted reports", "", parts)
+    return html.Section("audit", "Omitted reports", lead, parts)
