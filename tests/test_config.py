@@ -83,8 +83,8 @@ def test_a_fault_is_named_with_its_place(tmp_path, change, words):
         ("reports: {files: a}\nreferences: {m: {files: b}}\n", "output: required key"),
         ("Output: a\n", r"Output: unknown key; did you mean 'output'"),
         (
-            "output: a\ncolour: red\nunitts: kt\n",
-            r"colour: unknown key.*; unitts: unknown key; did you mean 'units'",
+            "output: a\ncolour: red\nmetadtaa: {}\n",
+            r"colour: unknown key.*; metadtaa: unknown key; did you mean 'metadata'",
         ),
     ],
 )

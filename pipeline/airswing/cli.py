@@ -126,7 +126,7 @@ def run(
     job = workflow.Job.of(config, **options)
     with job.running():
         summary = workflow.run_job(job).summary
-    _print(summary, as_json=json, text=summary_text(summary, job.output, units=job.config.units))
+    _print(summary, as_json=json, text=summary_text(summary, job.output))
     workflow.events_said(job, summary.get("events", 0))
 
 
@@ -382,7 +382,7 @@ def gap(
 
     stage = partial(diagnosis, without=without or (), known=known, simulated=simulated)
     job, result = _alone(stage, config, output=output, quiet=quiet, scheduler=scheduler)
-    text = f"{verdict(result, units=job.config.units)}\npage: {job.output / 'gap' / 'index.html'}"
+    text = f"{verdict(result)}\npage: {job.output / 'gap' / 'index.html'}"
     _print(result.content(), as_json=json, text=text)
 
 

@@ -330,7 +330,6 @@ class Config(_Section):
     monitoring: Monitoring = Monitoring()
     handover: Handover = Handover()
     postprocess: Postprocess | None = None
-    units: Literal["kt", "m/s"] = "kt"  # of speeds on pages, figures and cards
     metadata: Metadata = Metadata()
     output: Folder
     compute: Compute = Compute()

@@ -53,11 +53,6 @@ def check_page(written):
     return text, found
 
 
-def check_no_knots(text):
-    words = re.sub(r"<[^>]*>", " ", text.split("<main>")[1].split("<script>")[0])
-    assert not re.search(r"\d kt\b|\(kt\)", words)
-
-
 def check_figure(figure):
     """A figure counts what it shows and names its axes with units."""
     assert re.search(r"n = [\d,]+", figure.caption), figure.caption

@@ -95,8 +95,6 @@ def test_the_ranking_names_the_largest_reduction_and_how_predictions_held():
     text = ranking_section(RANKING, virtual(agree=False, realised=3.7), SHOW).body
     assert "outside the interval of the prediction" in text and "errors for N1." in text
     assert "n = 1 point" in SHOW.made["virtual_field_test"].caption
-    metric = ranking_section(RANKING, virtual(), Drawn(units="m/s"))
-    assert "1.65 m/s (1.44 to 1.85) of 4.68 m/s" in metric.lead
 
 
 def test_unknown_intervals_and_empty_sections_are_omitted():

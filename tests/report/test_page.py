@@ -24,7 +24,7 @@ from airswing.report.run.selection import Run
 from tests.compass.flown import curve
 from tests.report import factories
 from tests.report.factories import POOL, POOLS, TAILS
-from tests.report.pages import Drawn, check_no_knots, check_page, labels
+from tests.report.pages import Drawn, check_page, labels
 
 HEADINGS, FITS, CORRECTED = factories.products()
 STATISTICS = innovation_statistics(HEADINGS, CORRECTED, pools=POOLS)
@@ -37,21 +37,19 @@ BEFORE = dict(matplotlib.rcParams)
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory):
-    """Text, figures, addresses and file of the page with every product, by unit."""
-    found, folder = {}, tmp_path_factory.mktemp("pages")
+def whole(tmp_path_factory):
+    """Text, figures, addresses and file of the page with every product."""
+    folder = tmp_path_factory.mktemp("pages")
     (folder / "tables.csv").write_text("aircraft\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(html, "Figures", Drawn)
-        for units in ("kt", "m/s"):
-            written = report.write_page(folder / units[0], **PRODUCTS, units=units)
-            text, page = check_page(written)
-            found[units] = text, Drawn.last.made, page.addresses, written
-    return found
+        written = report.write_page(folder / "report", **PRODUCTS)
+    text, found = check_page(written)
+    return text, Drawn.last.made, found.addresses, written
 
 
-def test_the_page_is_whole_and_asks_for_nothing_outside(pages):
-    text, _, addresses, written = pages["kt"]
+def test_the_page_is_whole_and_asks_for_nothing_outside(whole):
+    text, _, addresses, written = whole
     assert dict(matplotlib.rcParams) == BEFORE
     assert written.name == "index.html"
     assert "../tables.csv" in addresses
@@ -69,8 +67,8 @@ def test_the_page_is_whole_and_asks_for_nothing_outside(pages):
         assert f'<section id="{anchor}">' not in text
 
 
-def test_all_products_become_sections_in_the_unit_that_is_asked_for(pages):
-    tested, text, metric = factories.field_tested(), pages["kt"][0], pages["m/s"][0]
+def test_all_products_become_sections(whole):
+    tested, text = factories.field_tested(), whole[0]
     for anchor in ("field-test", "sensitivity", "innovations"):
         assert f'<section id="{anchor}">' in text
     for name, words in {"": "as a linear difference", "_quadrature": "in quadrature"}.items():
@@ -79,25 +77,23 @@ def test_all_products_become_sections_in_the_unit_that_is_asked_for(pages):
         assert f"{amount} {words}" in text
     assert "Not poolable: ruc - nam (" in text and "nam is in never_pool" in text
     assert text.count("a pool and one of its members") == 2
-    assert f"{tested['adjusted_reduction_kt'] * 1852 / 3600:.2f} m/s" in metric
-    check_no_knots(metric)
 
 
-def test_innovation_figures_show_the_statistics_of_the_product(pages):
-    axes = pages["m/s"][1]["innovations"].axes[0]
+def test_innovation_figures_show_the_statistics_of_the_product(whole):
+    axes = whole[1]["innovations"].axes[0]
     shown = dict(zip(labels(axes), axes.lines[0].get_xdata(), strict=True))
     cells = STATISTICS.sel(reference=POOL, state="reported")
     for name, chosen in (("cruise", {"flight_phase": "cruise"}), ("N002", {"aircraft": "N002"})):
         one = cells.sel(chosen)
         count = one["innovation_speed_count"]
         bias = (one["innovation_speed_bias"] * count).sum() / count.sum()
-        assert shown[name] == pytest.approx(float(bias))
-    drawn = pages["kt"][1]["innovation_histogram"].axes[0].images[0].get_array()
+        assert shown[name] == pytest.approx(float(bias) * 3600 / 1852)
+    drawn = whole[1]["innovation_histogram"].axes[0].images[0].get_array()
     assert np.nansum(np.ma.filled(drawn, 0)) == cells["innovation_histogram"].sum()
 
 
-def test_the_page_names_what_was_left_out_and_why_no_table_may_be_loaded(pages, tmp_path):
-    cells = re.findall("<td[^>]*>(.*?)</td>", pages["kt"][0].split('<section id="audit">')[1])
+def test_the_page_names_what_was_left_out_and_why_no_table_may_be_loaded(whole, tmp_path):
+    cells = re.findall("<td[^>]*>(.*?)</td>", whole[0].split('<section id="audit">')[1])
     assert cells[0] == "turn" and "</span>252 (5.0 %)" in cells[1] and cells[2] == "168"
     assert cells[6:10] == ["dropped: duplicate", "12", "dropped: impossible position", "3"]
     assert cells[10:12] == ["repaired: longitude wrapped", "40"]
@@ -117,7 +113,7 @@ def test_the_page_names_what_was_left_out_and_why_no_table_may_be_loaded(pages, 
     assert row.count("<td>-</td>") == 12 and "±" not in row
 
 
-def test_lazy_products_give_the_same_page(pages, tmp_path):
+def test_lazy_products_give_the_same_page(whole, tmp_path):
     for name, ds in (("headings", HEADINGS), ("corrected", CORRECTED)):
         ds.to_netcdf(tmp_path / f"{name}.nc")
     with (
@@ -125,7 +121,7 @@ def test_lazy_products_give_the_same_page(pages, tmp_path):
         xr.open_dataset(tmp_path / "corrected.nc") as better,
     ):
         same = PRODUCTS | {"headings": lazy, "corrected": better}
-        text, _, _, eager = pages["kt"]
+        text, _, _, eager = whole
         assert report.write_page(eager.parents[1] / "lazy", **same).read_text() == text
 
 

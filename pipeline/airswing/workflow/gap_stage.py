@@ -153,8 +153,7 @@ def diagnosis(
     title = "Gap between reported and simulated winds: maps, evidence and statistics"
     job.write(found.dataset, "gap.nc", title=title, sources=(archive,))
     with job.progress.stage("page") as stage:
-        folder, units = job.output / "gap", job.config.units
-        stage.note = str(write_gap_page(folder, gap=report, maps=found.dataset, units=units))
+        stage.note = str(write_gap_page(job.output / "gap", gap=report, maps=found.dataset))
     return report
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -154,7 +154,6 @@ def run_job(job: Job) -> Results:
                 summary=summary,
                 evaluation=evaluation,
                 apart=apart,
-                units=job.config.units,
             )
             stage.note = str(page)
     job.progress.say(job.progress.accounts_text())
@@ -204,24 +203,23 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
     }
 
 
-def summary_text(summary: Summary, output: Path, *, units: Literal["kt", "m/s"] = "kt") -> str:
+def summary_text(summary: Summary, output: Path) -> str:
     """Lay the summary out for a terminal; `output` is the folder of the products."""
-    from airswing.report.html import per_kt
     from airswing.report.run.selection import fitted_text
 
-    reports, factor = summary["reports"], per_kt(units)
-    before, after = (factor * summary["disagreement_kt"][when] for when in ("before", "after"))
+    reports = summary["reports"]
+    before, after = (summary["disagreement_kt"][when] for when in ("before", "after"))
     lines = [
         f"{reports['read']:,} reports read, {reports['kept']:,} kept for the fit against "
         f"{summary['reference']}",
         fitted_text(summary["status"]),
         "",
-        "aircraft    amplitude*       phase   offset*          reports   "
-        f"{f'wind disagreement ({units})':<24}status",
+        "aircraft    amplitude*       phase   offset*          reports   wind disagreement (kt)  "
+        "status",
     ]
     for fit in summary["fits"]:
         wide = [NORMAL_95 * fit[f"{name}_standard_error"] for name in ("amplitude", "offset")]
-        winds = (factor * fit[f"{when}_kt"] for when in ("before", "after"))
+        winds = (fit[f"{when}_kt"] for when in ("before", "after"))
         lines.append(
             f"{fit['aircraft']:<10} {_digits('{:6.2f} +- {:4.2f}', fit['amplitude'], wide[0])} "
             f"{_digits('{:8.1f}', fit['phase'])} "
@@ -240,8 +238,8 @@ def summary_text(summary: Summary, output: Path, *, units: Literal["kt", "m/s"] 
             lines += ["", *([part] if isinstance(part, str) else part)]
     lines += [
         "",
-        f"mean wind vector disagreement of the corrected reports: {before:.2f} {units} before, "
-        f"{after:.2f} {units} after (same data as the fit)"
+        f"mean wind vector disagreement of the corrected reports: {before:.2f} kt before, "
+        f"{after:.2f} kt after (same data as the fit)"
         if np.isfinite(before)
         else "no report could be corrected",
         f"products: {output}",

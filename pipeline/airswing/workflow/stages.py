@@ -95,8 +95,8 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     fits = open_product(job.output / FITS).load()
     with job.progress.stage("swing cards") as stage:
         write_tables_csv(fits, job.output / "tables.csv")
-        path, reference, units = job.output / "swing_cards.pdf", job.reference, job.config.units
-        number = write_swing_cards(fits, screened, path, reference=reference, units=units)
+        path = job.output / "swing_cards.pdf"
+        number = write_swing_cards(fits, screened, path, reference=job.reference)
         stage.note = f"{number} of {fits.sizes['aircraft']} aircraft"
     return fits
 
@@ -414,7 +414,7 @@ def make_monitoring(
         found = replace(found, unsaid=number)
         write_events(found, path)
         page = job.output / "report" / "monitoring.html"
-        write_monitoring_page(page, found, units=job.config.units)
+        write_monitoring_page(page, found)
         stage.note = f"{number:,} new event{'s' * (number != 1)}"
     return found
 

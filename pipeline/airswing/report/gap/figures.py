@@ -20,28 +20,27 @@ from numpy.typing import NDArray
 from airswing.gap.result.schema import CurveEntry, GapReport, PlaceEntry
 from airswing.report import html
 from airswing.report.gap.words import plain_name
-from airswing.report.html import BLUE, FAINT, INK, ORANGE, SKY, SOFT, Look, Units, plural
+from airswing.report.html import BLUE, FAINT, INK, ORANGE, SKY, SOFT, Look, plural
 from airswing.report.html.maps import draw_map, view_of
 from airswing.report.run.selection import names_of
+from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
 _CATEGORIES = {"phase": ("ascent", "cruise", "descent"), "icing": ("off", "on")}
 
 
-def gap_figures(
-    gap: GapReport, maps: xr.Dataset, *, units: Units = "kt"
-) -> dict[str, Callable[[], Figure]]:
+def gap_figures(gap: GapReport, maps: xr.Dataset) -> dict[str, Callable[[], Figure]]:
     """Return functions that draw the figures of a diagnosis that have data, by name."""
     effects, places = gap.effects, gap.unknown.where
     entries: list[tuple[Any, ...]] = [
         *(
-            (f"unknown_{place}", True, _unknown_curve_figure, entry, units)
+            (f"unknown_{place}", True, _unknown_curve_figure, entry)
             for place, entry in enumerate(places, 1)
         ),
-        ("waterfall", effects or places, _waterfall_figure, gap, units),
+        ("waterfall", effects or places, _waterfall_figure, gap),
         ("aircraft_heading", "heading_map" in maps, _aircraft_figure, maps, gap, "heading_map"),
-        ("phase_level", "level_map_cross" in maps, _phase_level_figure, maps, gap, units),
-        ("map", "region_map_u" in maps, _gap_map_figure, maps, gap, units),
+        ("phase_level", "level_map_cross" in maps, _phase_level_figure, maps, gap),
+        ("map", "region_map_u" in maps, _gap_map_figure, maps, gap),
         ("aircraft_time", "time_line" in maps, _aircraft_figure, maps, gap, "time_line"),
         ("pit", "pit_count" in maps, _pit_figure, maps),
     ]
@@ -52,17 +51,16 @@ def _reports(gap: GapReport) -> str:
     return f"n = {plural(gap.counts.reports, 'report')}"
 
 
-def _waterfall_figure(gap: GapReport, units: Units) -> Figure:
-    factor = html.per_kt(units)
+def _waterfall_figure(gap: GapReport) -> Figure:
     steps = [
         (step.label, step.kt, [before.kt - end for end in step.step_ci])
         for before, step in pairwise(gap.waterfall)
         if step.step_ci is not None
     ]
     levels = gap.closure.before, gap.closure.after, gap.gap.noise_floor_kt
-    before, end, floor = (factor * value for value in levels)
+    before, end, floor = levels
     bars = [("simulation so far", before, SOFT)]
-    bars += [(f"+ {plain_name(name)}", factor * step, "") for name, step, _ in steps]
+    bars += [(f"+ {plain_name(name)}", step, "") for name, step, _ in steps]
     bars.append(("with all effects", end, html.GREEN))
     if np.isfinite(floor):
         bars.append(("noise floor", floor, FAINT))
@@ -74,9 +72,9 @@ def _waterfall_figure(gap: GapReport, units: Units) -> Figure:
         if colour:
             axes.barh(row, level, color=colour, height=0.62)
             place = (level, row)
-            html.annotate(axes, f"{level:.2f} {units}", place, (5, 0), ha="left", **look)
+            html.annotate(axes, f"{level:.2f} kt", place, (5, 0), ha="left", **look)
             continue
-        ends = [factor * bound for bound in steps[row - 1][2]]
+        ends = steps[row - 1][2]
         colour = BLUE if level <= previous else ORANGE
         axes.barh(row, level - previous, left=previous, color=colour, height=0.62)
         axes.plot([previous, previous], [row - 1.31, row + 0.31], color=SOFT, linewidth=0.8)
@@ -84,7 +82,7 @@ def _waterfall_figure(gap: GapReport, units: Units) -> Figure:
         place = (min([level, previous, *ends]), row)
         html.annotate(axes, f"{level - previous:+.2f}", place, (-5, 0), ha="right", **look)
         previous = level
-    label = f"mean vector disagreement on held-out flights ({units})"
+    label = "mean vector disagreement on held-out flights (kt)"
     html.rows_axis(axes, [name for name, *_ in bars], label)
     axes.set_xlim(0, 1.14 * max(before, end))
     return figure.say(
@@ -93,12 +91,12 @@ def _waterfall_figure(gap: GapReport, units: Units) -> Figure:
     )
 
 
-def _unknown_curve_figure(place: PlaceEntry, units: Units) -> Figure:
+def _unknown_curve_figure(place: PlaceEntry) -> Figure:
     curve = place.curve
     edges = [np.asarray(bounds, float) for bounds in curve.edges or []]
     variables, unit, factor = curve.variables or place.variables, curve.unit or "m/s", 1.0
     if unit == "m/s":
-        unit, factor = units, html.per_m_s(units)
+        unit, factor = "kt", 1.0 / KNOT
     values = curve.values if curve.values is not None else curve.m_s
     value = factor * np.array(values, float)
     colours = [BLUE if one >= 0 else ORANGE for one in np.nan_to_num(value)]
@@ -108,7 +106,7 @@ def _unknown_curve_figure(place: PlaceEntry, units: Units) -> Figure:
         simulated = factor * edges[0]
         axes.plot(simulated, simulated, color=INK, linewidth=0.8, linestyle="--")
         axes.plot(simulated, value, color=BLUE)
-        axes.set(xlabel=f"simulated wind speed ({units})", ylabel=f"reported wind speed ({units})")
+        axes.set(xlabel="simulated wind speed (kt)", ylabel="reported wind speed (kt)")
     elif len(edges) == 1 and edges[0].size == value.size + 1:
         axes.bar(edges[0][:-1], value, np.diff(edges[0]), align="edge", color=colours)
         html.zero_line(axes, across=True)
@@ -201,7 +199,7 @@ def _aircraft_figure(maps: xr.Dataset, gap: GapReport, name: str) -> Figure:
     )
 
 
-def _phase_level_figure(maps: xr.Dataset, gap: GapReport, units: Units) -> Figure:
+def _phase_level_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
     level, bounds = maps["level"].to_numpy(), [0.0]
     for middle in level:  # the first layer begins at zero pressure
         bounds.append(2.0 * float(middle) - bounds[-1])
@@ -212,7 +210,7 @@ def _phase_level_figure(maps: xr.Dataset, gap: GapReport, units: Units) -> Figur
     ways = {"along": "along the heading", "cross": "across the heading"}
     both = np.array([_cells(maps, f"level_map_{way}", "level", "phase") for way in ways])
     filled = np.flatnonzero(np.isfinite(both[1]).any(axis=0))
-    both = html.per_m_s(units) * both[:, ::-1, filled]
+    both = both[:, ::-1, filled] / KNOT
     limit = _even_limit(both, least=0.2)
     figure, panels = html.panels(1.4 + 0.36 * level.size, 1, 2, sharey=True)
     look = Look(cmap=html.DIVERGING, vmin=-limit, vmax=limit, origin="lower", aspect="auto")
@@ -225,16 +223,16 @@ def _phase_level_figure(maps: xr.Dataset, gap: GapReport, units: Units) -> Figur
         axes.grid(visible=False)
         html.cell_texts(axes, value, "{:+z.2f}".format, 0.62 * limit)
     panels[0].set_ylabel("layer (hPa)")
-    figure.colorbar(drawn, ax=list(panels), label=f"mean residual ({units})", pad=0.01)
+    figure.colorbar(drawn, ax=list(panels), label="mean residual (kt)", pad=0.01)
     return figure.say(
-        f"Mean residual ({units}) by phase and layer ({_reports(gap)}; white: too few flights)."
+        f"Mean residual (kt) by phase and layer ({_reports(gap)}; white: too few flights)."
     )
 
 
-def _gap_map_figure(maps: xr.Dataset, gap: GapReport, units: Units) -> Figure:
+def _gap_map_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
     lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
     cells = (_cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
-    u, v = (html.per_m_s(units) * part for part in cells)
+    u, v = (part / KNOT for part in cells)
     speed = np.hypot(u, v)
     filled = np.isfinite(speed)
     if not filled.any():
@@ -249,8 +247,8 @@ def _gap_map_figure(maps: xr.Dataset, gap: GapReport, units: Units) -> Figure:
     look = Look(color=INK, width=0.0022, pivot="mid", zorder=3, scale=length * 22)
     arrows = axes.quiver(x[columns], lat[rows], u[filled], v[filled], **look)
     draw_map(axes, view)
-    axes.quiverkey(arrows, 0.9, 1.025, round(length, 1), f"{length:.1f} {units}", labelpos="E")
-    label = f"length of the mean residual ({units})"
+    axes.quiverkey(arrows, 0.9, 1.025, round(length, 1), f"{length:.1f} kt", labelpos="E")
+    label = "length of the mean residual (kt)"
     figure.colorbar(drawn, ax=axes, label=label, shrink=0.85, pad=0.01)
     return figure.say(
         "Mean residual wind (reported minus simulated) by place: its length by colour, its "

@@ -25,8 +25,8 @@ from airswing.report import html
 from airswing.report.gap import words
 from airswing.report.gap.figures import gap_figures
 from airswing.report.gap.words import closure_text, p_text, plain_name
-from airswing.report.html import Units, amount, interval_text, joined, number_text
-from airswing.units import NORMAL_95
+from airswing.report.html import amount, interval_text, joined, number_text
+from airswing.units import KNOT, NORMAL_95
 from airswing.version import __version__
 
 P = ParamSpec("P")
@@ -34,9 +34,7 @@ _Drawn = Callable[..., list[Markup]]
 
 
 @html.drawing()
-def write_gap_page(
-    directory: Path, *, gap: GapReport, maps: xr.Dataset, units: Units = "kt"
-) -> Path:
+def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path:
     """Write the page of a gap diagnosis, ``index.html``, and its figures, ``figures/*.png``.
 
     Parameters
@@ -47,8 +45,6 @@ def write_gap_page(
         Content of ``gap.json``.
     maps : Dataset
         Content of ``gap.nc``.
-    units : {"kt", "m/s"}, optional
-        Unit of all speeds on the page.
 
     Returns
     -------
@@ -60,27 +56,25 @@ def write_gap_page(
     InputError
         If the page cannot be written.
     """
-    show = html.Figures(directory / "figures", units)
-    figures = gap_figures(gap, maps, units=units)
+    show = html.Figures(directory / "figures")
+    figures = gap_figures(gap, maps)
 
     def drawn(*names: str) -> list[Markup]:
         return [show(name, figures[name](), dpi=120) for name in names if name in figures]
 
-    closure, factor = gap.closure, html.per_kt(units)
+    closure = gap.closure
     before, after = closure.before, closure.after
-    interval, reduction = (
-        html.range_text(ends, factor=factor) for ends in (closure.ci, closure.reduction_ci)
-    )
-    facts = [(f"{factor * before:.2f} {units}", "disagreement of reports and simulation")]
+    interval, reduction = (html.range_text(ends) for ends in (closure.ci, closure.reduction_ci))
+    facts = [(f"{before:.2f} kt", "disagreement of reports and simulation")]
     if gap.effects or gap.unknown.where:
         facts = [
-            (words.levels_text(before, after, units=units), f"with the effects found{interval}"),
-            (closure_text(closure, units=units).split(" (")[0], f"reduction{reduction}"),
+            (words.levels_text(before, after), f"with the effects found{interval}"),
+            (closure_text(closure).split(" (")[0], f"reduction{reduction}"),
         ]
     if math.isfinite(floor := gap.gap.noise_floor_kt):
-        facts.append((f"{factor * floor:.2f} {units}", "noise floor"))
+        facts.append((f"{floor:.2f} kt", "noise floor"))
     p_value = p_text(gap.gap.significance).removeprefix("= ")
-    first, last = (amount(value, factor=factor, unit=units) for value in (before, after))
+    first, last = (amount(value, unit="kt") for value in (before, after))
     closes = (
         f"On {'held-out' if closure.held_out else 'the same'} flights the disagreement is "
         f"{first} without and {last}{interval or ' (no interval from one day)'} with all effects "
@@ -89,15 +83,15 @@ def write_gap_page(
     text = html.document(
         title="airswing: gap between real and simulated reports",
         kicker="Gap between real and simulated reports",
-        headline=words.headline(gap, units=units),
+        headline=words.headline(gap),
         facts=[*facts, (p_value, "p value of the gap")],
         sections=[
-            _what_section(gap, drawn, units),
+            _what_section(gap, drawn),
             html.Section("closure", "How far the gap closes", "", [*drawn("waterfall"), closes]),
             _where_section(gap, drawn),
             _ambiguous_section(gap),
-            _claims_section(gap, units),
-            _statistics_section(gap, drawn, units),
+            _claims_section(gap),
+            _statistics_section(gap, drawn),
         ],
         footer=f"airswing {__version__}. Disagreement is the mean length of the difference between "
         "reported and simulated wind, on held-out flights. ± and ranges in brackets are 95 % "
@@ -106,16 +100,16 @@ def write_gap_page(
     return write_text(directory / "index.html", text)
 
 
-def _what_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Section:
+def _what_section(gap: GapReport, drawn: _Drawn) -> html.Section:
     effects, places, fleet = gap.effects, gap.unknown.where, gap.counts.aircraft
     rows = [
         {
             "effect": plain_name(one.name),
             "aircraft": words.who_text(one, fleet),
-            "parameters": words.parameters_text(one, units=units) or "-",
+            "parameters": words.parameters_text(one) or "-",
             "period": words.period_text(one) or "always",
             "proba\u00adbility": f"{one.probability:.2f}",
-            "closes": closure_text(one.closure, units=units),
+            "closes": closure_text(one.closure),
             "share of the gap": f"{100 * one.share_of_gap:.0f} %",
         }
         for one in effects
@@ -127,12 +121,12 @@ def _what_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Section:
     long = ("effect", "aircraft", "parameters")
     none = "No effect of the catalogue is needed to explain these reports."
     parts = [
-        words.start_words(gap.known, gap.simulation, units).strip(),
+        words.start_words(gap.known, gap.simulation).strip(),
         html.table(rows, words=["period"], long=long, caption=caption),
         "" if effects or places else none,
     ]
     for k, place in enumerate(places, 1):
-        parts.append(html.paragraph(words.place_sentence(place, fleet, units=units), note=True))
+        parts.append(html.paragraph(words.place_sentence(place, fleet), note=True))
         if decides := place.settled_by:
             parts.append(f"A measurement that would decide: {decides}.")
         parts += drawn(f"unknown_{k}")
@@ -140,11 +134,11 @@ def _what_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Section:
     for effect in effects:
         for tail, entry in (effect.per_tail or {}).items():
             row = {"aircraft": tail, "effect": plain_name(effect.name)}
-            each.append(row | {"parameters": words.parameters_text(entry, units=units)})
+            each.append(row | {"parameters": words.parameters_text(entry)})
     single = html.table(each, words=["aircraft"], long=("effect", "parameters"))
     known = dict.fromkeys(effect.name for effect in effects)
     physics = [html.described(*nature) for name in known if (nature := words.nature_of(name))]
-    parts += words.caution_lines(gap, units=units)
+    parts += words.caution_lines(gap)
     parts.append(html.folded("Parameters of each aircraft", single))
     parts.append(html.folded("Physics of the effects found", html.listing(physics)))
     return html.Section("what", "Effects missing from the simulation", "", parts)
@@ -207,7 +201,7 @@ def _ambiguous_section(gap: GapReport) -> html.Section:
     return html.Section("ambiguous", "Ambiguous effects", "", parts)
 
 
-def _claims_section(gap: GapReport, units: Units) -> html.Section:
+def _claims_section(gap: GapReport) -> html.Section:
     section = partial(html.Section, "claims", "Consequences for the fitted deviations")
     claims = gap.claims
     if not claims:
@@ -229,7 +223,7 @@ def _claims_section(gap: GapReport, units: Units) -> html.Section:
     )
     text = ""
     if test := claims.field_test:
-        shown = partial(amount, factor=html.per_kt(units), unit=units)
+        shown = partial(amount, unit="kt")
         before = shown(test.reduction_kt, test.reduction_ci_kt)
         within = f"{'within' if test.stays else 'outside'} its interval"
         text = f"Field test: the adjusted reduction of {before} becomes "
@@ -252,7 +246,7 @@ def _claims_section(gap: GapReport, units: Units) -> html.Section:
     return section(lead, [text, html.folded("Each aircraft", inner)])
 
 
-def _statistics_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Section:
+def _statistics_section(gap: GapReport, drawn: _Drawn) -> html.Section:
     held = [one.ok for one in gap.assumptions]
     lead = f"{sum(held)} of {len(held)} tested assumptions hold." if held else ""
     checked = [
@@ -270,12 +264,12 @@ def _statistics_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Sec
     )
     long, doubt = ("assumption", "test", "result"), [not ok for ok in held]
     assumptions = html.table(checked, long=long, caption=caption, doubt=doubt)
-    rows, placebo, factor = [], "", html.per_m_s(units)
+    rows, placebo = [], ""
     if pair := gap.calibration:
-        crps = number_text(pair.after.crps_expected_m_s, factor=factor)
+        crps = number_text(pair.after.crps_expected_m_s / KNOT)
         for key, label, scale, right in (
             ("spread", "spread over predicted spread", 1.0, "1"),
-            ("crps_m_s", f"CRPS ({units})", factor, crps),
+            ("crps_m_s", "CRPS (kt)", 1.0 / KNOT, crps),
             ("lag_one", "correlation of neighbours on a flight", 1.0, "0"),
             ("auc", "area under the ROC curve of a classifier", 1.0, "0.5"),
         ):
@@ -283,16 +277,16 @@ def _statistics_section(gap: GapReport, drawn: _Drawn, units: Units) -> html.Sec
             row = {"": label, "without the effects": without, "with the effects": given}
             rows.append(row | {"if right": right})
     if drawn_at_random := gap.placebo:
-        ends, kt = drawn_at_random.reduction_ci_kt, html.per_kt(units)
-        closes = amount(drawn_at_random.reduction_kt, ends, factor=kt, unit=units)
+        ends = drawn_at_random.reduction_ci_kt
+        closes = amount(drawn_at_random.reduction_kt, ends, unit="kt")
         placebo = (
             f"Placebo: effects with the same columns but random dates and aircraft close {closes} "
             f"({drawn_at_random.draws} draws)."
         )
     noise = gap.noise
     fitted = {
-        f"correlated part ({units})": factor * noise.correlated_sd_m_s,
-        f"white part ({units})": factor * noise.white_sd_m_s,
+        "correlated part (kt)": noise.correlated_sd_m_s / KNOT,
+        "white part (kt)": noise.white_sd_m_s / KNOT,
         "correlation length (km)": number_text(noise.length_km, digits=0),
         "factor across the heading": noise.across_heading,
         "factor along the heading": noise.along_heading,

@@ -26,16 +26,16 @@ from airswing.gap.result.schema import (
 )
 from airswing.physics.triangle import wrap_degrees
 from airswing.report import html
-from airswing.report.html import Units, joined, plural
-from airswing.units import NORMAL_95
+from airswing.report.html import joined, plural
+from airswing.units import KNOT, NORMAL_95
 
-#: Symbol of the unit a parameter's name ends in.
+#: Unit that is shown for a parameter whose name ends in one; m/s are converted to knots.
 _ENDINGS = {
     "_deg_per_day": "°/day",
     "_degC": " °C",
     "_deg": "°",
     "_percent": " %",
-    "_m_s": " m/s",
+    "_m_s": " kt",
     "_hPa": " hPa",
     "_nT": " nT",
     "_ft": " ft",
@@ -100,9 +100,7 @@ def nature_of(name: str) -> tuple[str, str, list[str]] | None:
     return title, effect.physics, [f"Source: {effect.source}", confused]
 
 
-def parameters_text(
-    effect: EffectEntry | TailEntry, *, units: Units = "kt", brief: bool = False
-) -> str:
+def parameters_text(effect: EffectEntry | TailEntry, brief: bool = False) -> str:
     """Return all parameters of an effect in one line; `brief` omits the conditions (``at_...``).
 
     If the values of single aircraft differ by more than their errors, their range replaces the
@@ -121,18 +119,15 @@ def parameters_text(
             values = (values[0] + wrap_degrees(np.subtract(values, values[0]))).tolist()
         differ = len(values) > 1 and max(values) - min(values) > 2 * half
         if not (differ and name.startswith("phase")):
-            parts.append(_parameter_text(name, value, half, values if differ else [], units))
+            parts.append(_parameter_text(name, value, half, values if differ else []))
     return ", ".join(parts)
 
 
-def _parameter_text(
-    name: str, value: object, half: float, values: Sequence[float], units: Units
-) -> str:
+def _parameter_text(name: str, value: object, half: float, values: Sequence[float]) -> str:
     """Return a parameter with half its interval, or the range of its values."""
     ending = next((one for one in _ENDINGS if name.endswith(one)), "")
     label = "at" if name.startswith("at_") else name.removesuffix(ending).replace("_", " ")
-    factor = {"_m_s": html.per_m_s(units), "_kt": html.per_kt(units)}.get(ending, 1.0)
-    unit = f" {units}" if ending in ("_m_s", "_kt") else _ENDINGS.get(ending, "")
+    unit, factor = _ENDINGS.get(ending, ""), 1.0 / KNOT if ending == "_m_s" else 1.0
     if values:
         low, high = factor * min(values), factor * max(values)
         digits = int(np.clip(np.ceil(-np.log10(high - low)) + 1, 1, 5))
@@ -169,28 +164,26 @@ def who_text(effect: EffectEntry | PlaceEntry, aircraft: int = 0, *, brief: bool
     return joined(names)
 
 
-def closure_text(entry: ClosesEntry | ClosureEntry | None, *, units: Units = "kt") -> str:
+def closure_text(entry: ClosesEntry | ClosureEntry | None) -> str:
     """Return a reduction with its 95 % interval: ``1.20 kt (1.05 to 1.34)``."""
     if not entry:
         return "-"
-    ends, factor = entry.reduction_ci, html.per_kt(units)
-    return html.amount(entry.reduction, ends, factor=factor, unit=units)
+    return html.amount(entry.reduction, entry.reduction_ci, unit="kt")
 
 
-def levels_text(before: float, after: float, *, units: Units = "kt") -> str:
+def levels_text(before: float, after: float) -> str:
     """Return two disagreements with the decimals that show their difference: ``8.3 → 6.3 kt``."""
-    factor = html.per_kt(units)
-    difference = max(abs(factor * (before - after)), 1e-9)
+    difference = max(abs(before - after), 1e-9)
     digits = int(np.clip(np.ceil(-np.log10(difference)), 1, 3))
-    return f"{factor * before:.{digits}f} → {factor * after:.{digits}f} {units}"
+    return f"{before:.{digits}f} → {after:.{digits}f} kt"
 
 
-def headline(gap: GapReport, *, units: Units = "kt") -> str:
+def headline(gap: GapReport) -> str:
     """Return the result of a diagnosis in at most 25 words, with its closure."""
     effects, places, closure = gap.effects, gap.unknown.where, gap.closure
     fleet = gap.counts.aircraft
     if not effects and not places:
-        level = f"{html.per_kt(units) * closure.before:.1f} {units}"
+        level = f"{closure.before:.1f} kt"
         if gap.counts.days == 1:
             return f"One day of reports is too short to decide what explains the gap of {level}."
         return (
@@ -210,7 +203,7 @@ def headline(gap: GapReport, *, units: Units = "kt") -> str:
     verb = f"account{ending} for" if places else f"explain{ending}"
     share = number(closure.fraction_of_excess)
     of = f"{100 * share:.0f} % of the gap" if share < 0.95 else "the gap"
-    levels = levels_text(closure.before, closure.after, units=units)
+    levels = levels_text(closure.before, closure.after)
     return f"{capital(joined(claims))} {verb} {of}: {levels}."
 
 
@@ -225,7 +218,6 @@ def _unexplained(place: PlaceEntry) -> str:
 def start_words(
     known: Sequence[KnownEntry] | None,
     simulation: SimulationEntry | None = None,
-    units: Units = "kt",
 ) -> str:
     """Return a description of the simulation in a diagnosis; empty for a perfect instrument."""
     text = ""
@@ -239,37 +231,37 @@ def start_words(
         ends = one.disagreement_without_kt, one.disagreement_with_kt
         text += (
             f"The simulation contains {plural(len(one.effects), 'known effect')} of "
-            f"{one.source} ({levels_text(*ends, units=units)}). "
+            f"{one.source} ({levels_text(*ends)}). "
         )
     return text
 
 
-def verdict(gap: GapReport, *, units: Units = "kt") -> str:
+def verdict(gap: GapReport) -> str:
     """Return the result of a diagnosis as text: headline, then a line for every finding."""
-    start = start_words(gap.known, gap.simulation, units)
+    start = start_words(gap.known, gap.simulation)
     fleet = gap.counts.aircraft
-    lines = [effect_sentence(effect, fleet, units=units) for effect in gap.effects]
-    lines += [place_sentence(place, fleet, units=units) for place in gap.unknown.where]
-    lines += caution_lines(gap, units=units)
-    return "\n  ".join([start + headline(gap, units=units), *lines])
+    lines = [effect_sentence(effect, fleet) for effect in gap.effects]
+    lines += [place_sentence(place, fleet) for place in gap.unknown.where]
+    lines += caution_lines(gap)
+    return "\n  ".join([start + headline(gap), *lines])
 
 
-def effect_sentence(effect: EffectEntry, fleet: int, *, units: Units = "kt") -> str:
+def effect_sentence(effect: EffectEntry, fleet: int) -> str:
     """Return an effect with aircraft, parameters, period, probability and closure."""
     details = [
-        parameters_text(effect, units=units, brief=True),
+        parameters_text(effect, brief=True),
         period_text(effect),
         f"probability {effect.probability:.2f}",
     ]
     if effect.closure:
-        details.append(f"closes {closure_text(effect.closure, units=units)}")
+        details.append(f"closes {closure_text(effect.closure)}")
     elif effect.share_of_gap >= 0.005:
         details.append(f"explains {100 * effect.share_of_gap:.0f} % of the gap")
     text = f"{plain_name(effect.name)} on {who_text(effect, fleet)}"
     return f"{capital(text)}: {', '.join(part for part in details if part)}."
 
 
-def place_sentence(place: PlaceEntry, fleet: int, *, units: Units = "kt") -> str:
+def place_sentence(place: PlaceEntry, fleet: int) -> str:
     """Return an unexplained error: variable, component, shape, aircraft, closure, nearest name."""
     text = _unexplained(place)
     if place.component != "scatter":
@@ -277,10 +269,9 @@ def place_sentence(place: PlaceEntry, fleet: int, *, units: Units = "kt") -> str
     text = f"{capital(text)} on {who_text(place, fleet)}"
     details = [place.title] if place.title else []
     if place.closure:
-        details.append(f"closes {closure_text(place.closure, units=units)}")
+        details.append(f"closes {closure_text(place.closure)}")
     if steps := place.steps:
-        top = html.per_kt(units) * steps.up_to_kt
-        details.append(f"directions in steps of {steps.step_deg:g}° up to {top:.0f} {units}")
+        details.append(f"directions in steps of {steps.step_deg:g}° up to {steps.up_to_kt:.0f} kt")
     if place.nearest_effect:
         share = 100 * number(place.nearest_effect_share)
         nearest = plain_name(place.nearest_effect)
@@ -288,7 +279,7 @@ def place_sentence(place: PlaceEntry, fleet: int, *, units: Units = "kt") -> str
     return f"{text}{': ' if details else ''}{'; '.join(details)}."
 
 
-def caution_lines(gap: GapReport, *, units: Units = "kt") -> list[str]:
+def caution_lines(gap: GapReport) -> list[str]:
     """Return sentences on unconfirmed effects, and on those that could remain undetected."""
     lines = []
     for one in gap.unconfirmed:
@@ -298,10 +289,10 @@ def caution_lines(gap: GapReport, *, units: Units = "kt") -> list[str]:
             lines.append(
                 f"Likely but not confirmed: {plain_name(str(one['name']))} ({chance:.2f})."
             )
-    hidden = html.per_kt(units) * number(gap.closure.could_hide_kt)
+    hidden = number(gap.closure.could_hide_kt)
     if np.isfinite(hidden) and not gap.effects and not gap.unknown.where:
         lines.append(
-            f"An error outside the catalogue could close up to {hidden:.2g} {units} without being "
+            f"An error outside the catalogue could close up to {hidden:.2g} kt without being "
             "detected; errors of the model common to all aircraft on all days count as weather and "
             "may be larger."
         )

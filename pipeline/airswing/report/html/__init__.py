@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, SupportsFloat
+from typing import TYPE_CHECKING, Any, SupportsFloat
 
 import matplotlib
 import numpy as np
@@ -30,13 +30,10 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 from airswing.products.whole_files import atomic
-from airswing.units import KNOT
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
 
-#: Unit of every speed that is shown; the configuration's ``units``.
-Units = Literal["kt", "m/s"]
 #: Ends of an interval; null in JSON where they are not known.
 Ends = Sequence[float | None] | np.ndarray
 #: Keyword arguments of a matplotlib artist.
@@ -112,16 +109,6 @@ _TEMPLATES = Environment(
 # --- words -------------------------------------------------------------------------------------
 
 
-def per_m_s(units: Units) -> float:
-    """Return the factor from m/s to the unit that is shown."""
-    return 1.0 / KNOT if units == "kt" else 1.0
-
-
-def per_kt(units: Units) -> float:
-    """Return the factor from knots to the unit that is shown."""
-    return 1.0 if units == "kt" else KNOT
-
-
 def plural(number: int, noun: str) -> str:
     """Return ``1 flight``, ``12,345 flights`` or ``2 aircraft``."""
     return f"{int(number):,} {noun}{'' if number == 1 or noun == 'aircraft' else 's'}"
@@ -135,9 +122,9 @@ def joined(words: Sequence[object], *, most: int = 6) -> str:
     return " and ".join([", ".join(shown[:-1]), *shown[-1:]] if len(shown) > 1 else shown)
 
 
-def number_text(value: SupportsFloat | None, *, digits: int = 2, factor: float = 1.0) -> str:
-    """Return `factor` times a number with fixed digits, or a dash where there is none."""
-    number = float("nan") if value is None else factor * float(value)
+def number_text(value: SupportsFloat | None, *, digits: int = 2) -> str:
+    """Return a number with fixed digits, or a dash where there is none."""
+    number = float("nan") if value is None else float(value)
     return f"{number:z.{digits}f}" if np.isfinite(number) else "-"
 
 
@@ -149,18 +136,16 @@ def interval_text(value: float, half: float, *, digits: int = 2, sign: bool = Fa
     return number + (f" ± {half:.{digits}f}" if np.isfinite(half) else "")
 
 
-def range_text(interval: Ends | None, *, digits: int = 2, factor: float = 1.0) -> str:
-    """Return `factor` times an interval, `` (low to high)``; empty where it is not known."""
-    low, high = factor * np.array((None, None) if interval is None else interval, float)
+def range_text(interval: Ends | None, *, digits: int = 2) -> str:
+    """Return an interval, `` (low to high)``; empty where it is not known."""
+    low, high = np.array((None, None) if interval is None else interval, float)
     return f" ({low:.{digits}f} to {high:.{digits}f})" if np.isfinite(low + high) else ""
 
 
-def amount(
-    value: SupportsFloat | None, ends: Ends | None = None, *, factor: float = 1.0, unit: str = ""
-) -> str:
-    """Return `factor` times a value with unit and interval: ``1.20 kt (1.05 to 1.34)``."""
-    number = number_text(value, factor=factor) + (f" {unit}" if unit else "")
-    return number + range_text(ends, factor=factor)
+def amount(value: SupportsFloat | None, ends: Ends | None = None, *, unit: str = "") -> str:
+    """Return a value with unit and interval: ``1.20 kt (1.05 to 1.34)``."""
+    number = number_text(value) + (f" {unit}" if unit else "")
+    return number + range_text(ends)
 
 
 # --- figures -----------------------------------------------------------------------------------
@@ -283,8 +268,8 @@ class Figures:
     Files of an earlier page are removed.
     """
 
-    def __init__(self, folder: Path | None = None, units: Units = "kt") -> None:
-        self.folder, self.units = folder, units
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder = folder
         for file in folder.glob("*.png") if folder else ():
             file.unlink()
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from airswing.evaluation import Content
 from airswing.products.whole_files import write_text
 from airswing.report import html
-from airswing.report.html import Look, Units, interval_text, number_text, plural
+from airswing.report.html import Look, interval_text, number_text, plural
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
@@ -140,14 +140,14 @@ def stability_section(
 
 
 @html.drawing()
-def write_monitoring_page(path: Path, monitoring: Monitoring, *, units: Units = "kt") -> Path:
+def write_monitoring_page(path: Path, monitoring: Monitoring) -> Path:
     """Write the section on events as a separate page."""
     text = html.document(
         title="airswing: monitoring of the fleet",
         kicker=f"Monitoring of {plural(len(monitoring.states), 'aircraft')}  ·  up to "
         f"{monitoring.until}, against {monitoring.reference}",
         headline=_new_events(monitoring),
-        sections=[monitoring_section(monitoring, html.Figures(units=units))],
+        sections=[monitoring_section(monitoring, html.Figures())],
         footer=f"airswing {__version__}. Intervals are 95 %.",
     )
     return write_text(path, text)
@@ -155,7 +155,7 @@ def write_monitoring_page(path: Path, monitoring: Monitoring, *, units: Units = 
 
 def monitoring_section(monitoring: Monitoring, show: html.Figures) -> html.Section:
     """Return the section on new events and on the state of every aircraft."""
-    states = _states_table(monitoring, show.units)
+    states = _states_table(monitoring)
     folded = html.folded("State of every aircraft", states, unfolded=not monitoring.events)
     parts = [_events_table(monitoring), folded]
     return html.Section("monitoring", "Monitoring", _new_events(monitoring), parts)
@@ -203,9 +203,9 @@ def _event_size(event: Event) -> str:
     return f"no report for {evidence['days']} days when noticed" if "days" in evidence else "-"
 
 
-def _states_table(monitoring: Monitoring, units: Units) -> Markup:
+def _states_table(monitoring: Monitoring) -> Markup:
     """Return the states, first where another table is needed, then where winds became worse."""
-    factor, every = html.per_kt(units), len(monitoring.states)
+    every = len(monitoring.states)
 
     def urgency(one: State) -> tuple[object, ...]:
         worse = (one.disagreement_kt or 0.0) / (one.past_disagreement_kt or np.inf)
@@ -215,14 +215,14 @@ def _states_table(monitoring: Monitoring, units: Units) -> Markup:
     needed, rows = {None: "-", False: "no", True: "yes"}, []
     for one in states:
         speeds = (one.disagreement_kt, one.past_disagreement_kt)
-        now, past = (number_text(speed, factor=factor) for speed in speeds)
+        now, past = (number_text(speed) for speed in speeds)
         same = one.table_difference_deg == 0.0
         rows.append(
             {
                 "aircraft": one.aircraft,
                 "last report": f"{one.last_day}{' (no reports since)' if one.silent else ''}",
-                f"disagreement, last days ({units})": now,
-                f"before ({units})": past,
+                "disagreement, last days (kt)": now,
+                "before (kt)": past,
                 "another table needed": "no, same table" if same else needed[one.tables_differ],
                 "difference of the tables (° rms)": number_text(one.table_difference_deg),
             }

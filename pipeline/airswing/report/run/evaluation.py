@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from airswing.evaluation import Content
 from airswing.physics.compass_deviation import COEFFICIENTS
 from airswing.report import html
-from airswing.report.html import BLUE, FAINT, SOFT, VERMILION, Look, Units, plural
-from airswing.units import NORMAL_95
+from airswing.report.html import BLUE, FAINT, SOFT, VERMILION, Look, plural
+from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
 # Rows of a figure; the products contain all aircraft.
@@ -62,17 +62,17 @@ _USED_ELSEWHERE = {
 }
 
 
-def _change(content: Content, key: str, units: Units, *, unit: bool = True) -> str:
-    """Return a speed of the content (kt) and its interval in the unit that is shown."""
-    ends, factor = content.get(f"{key}_ci_kt"), html.per_kt(units)
-    return html.amount(content.get(f"{key}_kt"), ends, factor=factor, unit=units if unit else "")
+def _change(content: Content, key: str, *, unit: bool = True) -> str:
+    """Return a speed of the content and its interval."""
+    ends = content.get(f"{key}_ci_kt")
+    return html.amount(content.get(f"{key}_kt"), ends, unit="kt" if unit else "")
 
 
-def _speeds(entries: Iterable[Content], key: str, units: Units) -> tuple[Floats, Floats]:
-    """Return speeds of entries (n,) and their intervals (2, n) in the unit that is shown."""
+def _speeds(entries: Iterable[Content], key: str) -> tuple[Floats, Floats]:
+    """Return speeds of entries (n,) and their intervals (2, n), kt."""
     both = [(one[f"{key}_kt"], one.get(f"{key}_ci_kt") or (None, None)) for one in entries]
     value, ends = (np.array(part, float) for part in zip(*both, strict=True))
-    return html.per_kt(units) * value, html.per_kt(units) * ends.T
+    return value, ends.T
 
 
 def _equal_axes(axes: Axes, values: Floats, x_label: str, y_label: str) -> None:
@@ -85,14 +85,13 @@ def _equal_axes(axes: Axes, values: Floats, x_label: str, y_label: str) -> None:
 
 
 @html.drawing()
-def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
+def field_test_figure(field_test: Content) -> Figure:
     """Draw the disagreement of each group before and during the field test, and the reductions.
 
     Parameters
     ----------
     field_test : mapping
         Content of ``field_test.json``.
-    units : {"kt", "m/s"}, optional
 
     Returns
     -------
@@ -103,14 +102,14 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
     falls = np.array([one["before_kt"] > one["during_kt"] for one in groups.values()])
     looks = (html.ORANGE, "o", -1), (BLUE, "D", 1)
     for when, (colour, marker, shift) in zip(_PERIODS, looks, strict=True):
-        (values, ends), rows = _speeds(groups.values(), when, units), np.arange(len(groups))
+        (values, ends), rows = _speeds(groups.values(), when), np.arange(len(groups))
         left.plot(values, rows, marker, color=colour, markersize=7, label=when)
         left.plot(ends, np.tile(rows + 0.14 * shift, (2, 1)), color=colour, linewidth=1.3)
         for row, side in enumerate(np.where(falls, -shift, shift)):
             look = Look(va="center", ha="left" if side > 0 else "right", fontsize=9)
             html.annotate(left, f"{values[row]:.2f}", (values[row], row), (9 * side, 0), **look)
     names = [f"{name}\n{entry['aircraft']} aircraft" for name, entry in groups.items()]
-    html.rows_axis(left, names, f"mean vector disagreement ({units})")
+    html.rows_axis(left, names, "mean vector disagreement (kt)")
     left.margins(x=0.16)
     changes = [(f"{name}: reduction", one, "reduction", SOFT) for name, one in groups.items()]
     for ending, label in (("", "linear"), ("_quadrature", "quadrature")):
@@ -120,11 +119,11 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
     look = Look(ha="center", fontsize=8.5)
     look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
     for row, (_, entry, key, colour) in enumerate(changes):
-        value, ends = _speeds([entry], key, units)
+        value, ends = _speeds([entry], key)
         html.intervals(right, value, ends, row, color=colour, markersize=6)
         html.annotate(right, f"{value[0]:+.2f}", (value[0], row), (0, 6), **look)
     html.zero_line(right)
-    html.rows_axis(right, [label for label, *_ in changes], f"reduction ({units})")
+    html.rows_axis(right, [label for label, *_ in changes], "reduction (kt)")
     right.margins(x=0.14)
     figure.legend(loc="outside upper left", ncols=2)
     number = sum(int(one.get(f"reports_{when}", 0)) for one in groups.values() for when in _PERIODS)
@@ -134,30 +133,30 @@ def field_test_figure(field_test: Content, *, units: Units = "kt") -> Figure:
     )
 
 
-def _scrutiny_figure(field_test: Content, units: Units) -> Figure:
+def _scrutiny_figure(field_test: Content) -> Figure:
     figure, (left, right) = html.panels(3.7, 1, 2)
-    factor, rows = html.per_kt(units), field_test.get("by_aircraft", [])
+    rows = field_test.get("by_aircraft", [])
     left.set_title("Each aircraft")
     each = pd.DataFrame(rows, columns=["group", "before_kt", "during_kt"]).set_index("group")
-    values = factor * each.astype(float)
+    values = each.astype(float)
     if np.isfinite(values).any(axis=None):
         for name, colour, marker in (("controls", SOFT, "s"), ("corrected", BLUE, "o")):
             look = Look(color=colour, alpha=0.85, markersize=5.5, label=name)
             left.plot(*values[values.index == name].to_numpy().T, marker, **look)
-        _equal_axes(left, values.to_numpy(), f"before ({units})", f"during ({units})")
+        _equal_axes(left, values.to_numpy(), "before (kt)", "during (kt)")
         left.legend(loc="upper left")
     else:
         html.blank(left, "No results by aircraft.")
     right.set_title("Permutation test over aircraft")
     words = "Too few aircraft for a permutation test."
     permutation = field_test.get("permutation") or {"null_effects_kt": []}
-    draws = factor * np.asarray(permutation["null_effects_kt"], float)
+    draws = np.asarray(permutation["null_effects_kt"], float)
     if draws.size:
-        effect = factor * permutation["effect_kt"]
+        effect = permutation["effect_kt"]
         right.hist(draws, bins=30, color=FAINT)
-        right.axvline(effect, color=VERMILION, linewidth=2.0, label=f"effect {effect:+.2f} {units}")
+        right.axvline(effect, color=VERMILION, linewidth=2.0, label=f"effect {effect:+.2f} kt")
         right.legend(loc="upper left")
-        right.set(xlabel=f"effect with randomly drawn groups ({units})", ylabel="draws")
+        right.set(xlabel="effect with randomly drawn groups (kt)", ylabel="draws")
         words = (
             f"Right: effects of randomly drawn groups ({draws.size:,} draws shown); "
             f"p value of the effect {permutation['p_value']:.3g}."
@@ -171,11 +170,11 @@ def _scrutiny_figure(field_test: Content, units: Units) -> Figure:
 
 def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
     """Return the section on the field test."""
-    units, gain = show.units, "adjusted_reduction"
+    gain = "adjusted_reduction"
     lead = "Reduction of the corrected aircraft beyond the controls: "
-    lead += _change(field_test, gain, units)
+    lead += _change(field_test, gain)
     if field_test.get(f"{gain}_quadrature_kt") is not None:
-        quadrature = _change(field_test, f"{gain}_quadrature", units)
+        quadrature = _change(field_test, f"{gain}_quadrature")
         lead += f" as a linear difference, {quadrature} in quadrature"
     if field_test.get("reference"):
         lead += f", against {field_test['reference']}"
@@ -184,22 +183,22 @@ def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
     for name, one in groups.items():
         row = {"group": name, "aircraft": one["aircraft"]}
         for key in ("before", "during", "reduction"):
-            row[f"{key} ({units})"] = _change(one, key, units, unit=False)
+            row[f"{key} (kt)"] = _change(one, key, unit=False)
         reports = {f"reports {when}": int(one.get(f"reports_{when}", 0)) for when in _PERIODS}
         rows.append(row | reports)
     caption = "Mean vector disagreement; in brackets 95 % intervals."
     checks, lines = [], []
     if field_test.get("by_aircraft") or field_test.get("permutation"):
-        checks.append(show("field_test_checks", _scrutiny_figure(field_test, units)))
+        checks.append(show("field_test_checks", _scrutiny_figure(field_test)))
     for part, key, words in _CHECKS:
         if (value := (field_test.get(part) or {}).get(key)) is not None:
-            lines.append(words.format(f"{html.per_kt(units) * value:+.2f} {units}"))
+            lines.append(words.format(f"{value:+.2f} kt"))
     if field_test.get("predicted_reduction_kt") is not None:
-        predicted = _change(field_test, "predicted_reduction", units)
+        predicted = _change(field_test, "predicted_reduction")
         lines.append(f"Predicted from the fits before the test: {predicted}.")
     checks.append(html.listing([*lines, *field_test.get("notes", [])]))
     parts = [
-        show("field_test", field_test_figure(field_test, units=units)),
+        show("field_test", field_test_figure(field_test)),
         html.table(rows, words=["group"], caption=caption),
         html.folded("Checks: single aircraft, permutation, choice of groups", *checks),
     ]
@@ -210,16 +209,16 @@ def ranking_section(
     ranking: Sequence[Content], virtual: Content | None, show: html.Figures
 ) -> html.Section:
     """Return the section on the ranking of aircraft and the accuracy of its predictions."""
-    title, units = "Which aircraft to correct first", show.units
+    title = "Which aircraft to correct first"
     known = [entry for entry in ranking if entry["expected_gain_kt"] is not None]
     if not known:
         return html.Section("ranking", title)
-    gain, level = (_change(known[0], key, units) for key in ("expected_gain", "disagreement"))
+    gain, level = (_change(known[0], key) for key in ("expected_gain", "disagreement"))
     lead = f"Largest expected reduction: {known[0]['aircraft']}, by {gain} of {level}."
     shown = known[:_MOST_ROWS]
     figure, axes = html.panels(1.1 + 0.26 * max(len(shown), 2))
     names, label = [one["aircraft"] for one in shown], "expected reduction of the mean vector"
-    values = names, *_speeds(shown, "expected_gain", units), f"{label} disagreement ({units})"
+    values = names, *_speeds(shown, "expected_gain"), f"{label} disagreement (kt)"
     html.interval_rows(axes, *values, color=BLUE, markersize=5.5)
     left_out = len(ranking) - len(known)
     others = f"; {left_out} without a usable fit" if left_out else ""
@@ -239,16 +238,14 @@ def ranking_section(
             continue
         points += len(rows)
         apart = [one["agree"] is False for one in rows]
-        (x, x_ends), (y, y_ends) = (_speeds(rows, f"{kind}_gain", units) for kind in kinds)
+        (x, x_ends), (y, y_ends) = (_speeds(rows, f"{kind}_gain") for kind in kinds)
         axes.hlines(y, *x_ends, color=FAINT, linewidth=1.4)
         axes.vlines(x, *y_ends, color=FAINT, linewidth=1.4)
         colours = np.where(apart, VERMILION, BLUE)
         axes.scatter(x, y, s=30 if len(rows) < 200 else 9, c=colours, zorder=2)
         for row, *point in zip(rows, x, y, strict=True) if len(rows) <= 12 else ():
             html.annotate(axes, row["aircraft"], point, (5, -9), fontsize=8, color=SOFT)
-        _equal_axes(
-            axes, np.array([*x, *y, 0.0]), *(f"{kind} reduction ({units})" for kind in kinds)
-        )
+        _equal_axes(axes, np.array([*x, *y, 0.0]), *(f"{kind} reduction (kt)" for kind in kinds))
         (low, high), outside = np.array(part["predicted_gain_ci_kt"], float), ""
         if part["realised_gain_kt"] < low or part["realised_gain_kt"] > high:
             outside = ". The realised reduction is outside the interval of the prediction"
@@ -258,7 +255,7 @@ def ranking_section(
                 ]
                 outside += "; the two differ by more than their errors for "
                 outside += html.joined(whom, most=8)
-        predicted, realised = (_change(part, f"{kind}_gain", units) for kind in kinds)
+        predicted, realised = (_change(part, f"{kind}_gain") for kind in kinds)
         lines.append(
             f"{words.format_map(part)}, {plural(part['reports'], 'report')} of "
             f"{plural(len(rows), 'aircraft')}: realised reduction {realised}, predicted "
@@ -327,7 +324,7 @@ def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
 
 def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Section:
     """Return the section on the comparison of references."""
-    title, pairs, units = "Comparison of references", sensitivity.get("pairs"), show.units
+    title, pairs = "Comparison of references", sensitivity.get("pairs")
     if not pairs:
         return html.Section("sensitivity", title)
     lead = "Some pairs of references have too few reports to decide."
@@ -337,18 +334,18 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
         named = "; ".join(f"{_pair_name(pair)} ({_why(pair)})" for pair in apart[:2])
         more = f", and {len(apart) - 2} more pairs" if len(apart) > 2 else ""
         lead = f"Not poolable: {named}{more}."
-    details = [_pair_table(pairs, "Every pair.", units)]
+    details = [_pair_table(pairs, "Every pair.")]
     for words in _SLICES:
         if slices := sensitivity.get(f"by_{words.removesuffix(' of flight').replace(' ', '_')}"):
-            details.append(_pair_table(slices, f"By {words}.", units))
+            details.append(_pair_table(slices, f"By {words}."))
     corners = [
         {
             "three references": ", ".join(entry["references"]),
             "reference": corner["reference"],
-            f"error of a component ({units} rms)": (
+            "error of a component (kt rms)": (
                 "negative variance"
                 if corner.get("component_rms") is None
-                else html.per_m_s(units) * corner["component_rms"]
+                else corner["component_rms"] / KNOT
             ),
             "reports": int(entry["reports"]),
         }
@@ -369,7 +366,7 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
     return html.Section("sensitivity", title, lead, parts)
 
 
-def _pair_table(pairs: Sequence[Content], caption: str, units: Units) -> Markup:
+def _pair_table(pairs: Sequence[Content], caption: str) -> Markup:
     rows = []
     for pair in pairs:
         p_value = pair["fleet"].get("p_value") if pair.get("own_test", True) else None
@@ -380,7 +377,7 @@ def _pair_table(pairs: Sequence[Content], caption: str, units: Units) -> Markup:
             "why": _why(pair),
             "difference of the curves (degree rms)": pair["fleet"].get("curve_rms_deg"),
             "p value": "-" if p_value is None or np.isnan(p_value) else f"{p_value:.2g}",
-            f"difference of the winds ({units})": html.per_m_s(units) * speed,
+            "difference of the winds (kt)": speed / KNOT,
             "reports": int(pair.get("reports", 0)),
         }
         rows.append(({"slice": pair["slice"]} if pair.get("slice") else {}) | row)
@@ -396,20 +393,19 @@ def _why(pair: Content) -> str:
 
 def report_errors_section(errors: xr.Dataset, show: html.Figures) -> html.Section:
     """Return the section on the observation error of the reports alone."""
-    title, units = "Observation error of the reports", show.units
-    factor = html.per_m_s(units)
+    title = "Observation error of the reports"
     why = str(errors.attrs.get("method_reason", "")).replace("m2/s2", "m²/s²")
     used = str(errors.attrs.get("method", ""))
     if not used:
         return html.Section("report-errors", title, "It could not be determined.", [why])
     lines = [f"Method: {_METHODS[used]} ({why})."]
-    before, after = factor * errors["aircraft_observation_error"].transpose("state", ...)
+    before, after = errors["aircraft_observation_error"].transpose("state", ...) / KNOT
     gain = (before - after).to_numpy()
     if np.isfinite(gain).any():
         best = int(np.nanargmax(gain))
         lines.append(
             f"Largest improvement: {errors['aircraft'].to_numpy()[best]}, {before[best]:.2f} "
-            f"{units} as reported, {after[best]:.2f} corrected."
+            f"kt as reported, {after[best]:.2f} corrected."
         )
     rows, name = [], "fleet_observation_error_by_method"
     for way, words in _METHODS.items():
@@ -417,7 +413,7 @@ def report_errors_section(errors: xr.Dataset, show: html.Figures) -> html.Sectio
         for state, *_ in html.STATES:
             one = errors.sel(state=state, way=way)
             ends = one[f"{name}_interval"].to_numpy()
-            row[f"{state} ({units})"] = html.amount(one[name], ends, factor=factor)
+            row[f"{state} (kt)"] = html.amount(one[name] / KNOT, ends / KNOT)
         rows.append(row)
     caption = (
         "Error of a component over all reports, with 95 % intervals. The three-cornered hat counts "
@@ -426,13 +422,13 @@ def report_errors_section(errors: xr.Dataset, show: html.Figures) -> html.Sectio
     doubt = [method != used for method in _METHODS]
     methods = html.table(rows, words=["method"], caption=caption, doubt=doubt)
     parts = [
-        show("observation_errors", _report_errors_figure(errors, units)),
+        show("observation_errors", _report_errors_figure(errors)),
         html.folded("Both methods", methods, html.listing(lines)),
     ]
-    return html.Section("report-errors", title, worth_sentence(errors, units=units), parts)
+    return html.Section("report-errors", title, worth_sentence(errors), parts)
 
 
-def _report_errors_figure(errors: xr.Dataset, units: Units) -> Figure:
+def _report_errors_figure(errors: xr.Dataset) -> Figure:
     known = errors["observation_error"].notnull().any("state").sum("layer")
     cells = {phase: int(known.sel(flight_phase=phase)) for phase in ("ascent", "cruise", "descent")}
     phases = [phase for phase in cells if cells[phase]]
@@ -440,23 +436,22 @@ def _report_errors_figure(errors: xr.Dataset, units: Units) -> Figure:
         return html.empty_figure(
             "Too few reports near each other to separate the observation error"
         )
-    factor = html.per_m_s(units)
     figure, (panels,) = html.panels(4.2, 1, len(phases), sharey=True, sharex=True, squeeze=False)
     level = (errors["layer_bottom_pressure"] + errors["layer_top_pressure"]).to_numpy() / 200.0
     for axes, phase in zip(panels, phases, strict=True):
         for name, (label, line) in _USED_ELSEWHERE.items():
             look = Look(color=SOFT, linewidth=1.0, linestyle=line, label=label)
-            axes.plot(factor * errors[name].to_numpy(), level, **look)
+            axes.plot(errors[name].to_numpy() / KNOT, level, **look)
         for index, (state, colour, marker) in enumerate(html.STATES):
             chosen = errors.sel(flight_phase=phase, state=state)
-            value = factor * chosen["observation_error"].to_numpy()
-            ends = factor * chosen["observation_error_interval"].to_numpy().T
+            value = chosen["observation_error"].to_numpy() / KNOT
+            ends = chosen["observation_error_interval"].to_numpy().T / KNOT
             shown = np.isfinite(value)
             ends = np.where(np.isnan(ends), value, ends)[:, shown]
             look = Look(color=colour, marker=marker, linestyle="-", linewidth=1.4)
             y = level[shown] + 8.0 * (index - 0.5)
             html.intervals(axes, value[shown], ends, y, label=f"as {state}", **look)
-        axes.set(title=phase, xlabel=f"error of a component ({units})")
+        axes.set(title=phase, xlabel="error of a component (kt)")
     panels[0].set(xlim=(0.0, None), ylim=(1000, 200), ylabel="pressure (hPa)")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     number = int(errors["observation_count"].sel(flight_phase="all").sum())
@@ -468,13 +463,13 @@ def _report_errors_figure(errors: xr.Dataset, units: Units) -> Figure:
     )
 
 
-def worth_sentence(errors: xr.Dataset, *, units: Units = "kt") -> str:
+def worth_sentence(errors: xr.Dataset) -> str:
     """Return a sentence on the observation error and on the weight of a corrected report."""
-    value = html.per_m_s(units) * errors["fleet_observation_error"]
+    value = errors["fleet_observation_error"] / KNOT
     before, after = (float(value.sel(state=state)) for state, *_ in html.STATES)
     sentence = (
         f"Standard error of a wind component, without the error of the reference: {before:.2f} "
-        f"{units} as reported, {after:.2f} {units} corrected."
+        f"kt as reported, {after:.2f} kt corrected."
     )
     gain = float(errors["fleet_weight_gain"])
     if np.isfinite(gain):

@@ -27,7 +27,7 @@ from airswing.physics.robust_spread import robust_sd
 from airswing.products.ragged import aircraft_reports
 from airswing.products.whole_files import atomic
 from airswing.report import html
-from airswing.report.html import BLUE, INK, SKY, SOFT, VERMILION, Look, Units, plural
+from airswing.report.html import BLUE, INK, SKY, SOFT, VERMILION, Look, plural
 from airswing.report.run import selection
 from airswing.report.run.selection import Run, curve_half_width
 from airswing.units import NORMAL_95
@@ -144,12 +144,7 @@ def draw_heading_error(
 
 @html.drawing()
 def heading_error_figure(
-    headings: xr.Dataset,
-    fits: xr.Dataset,
-    aircraft: str | int,
-    reference: str | None = None,
-    *,
-    units: Units = "kt",
+    headings: xr.Dataset, fits: xr.Dataset, aircraft: str | int, reference: str | None = None
 ) -> Figure:
     """Draw heading error against magnetic heading for one aircraft.
 
@@ -163,8 +158,6 @@ def heading_error_figure(
         Identifier or position.
     reference : str, optional
         Reference or pool; by default the first pool, else the first reference.
-    units : {"kt", "m/s"}, optional
-        Unit of the speeds in the caption.
 
     Returns
     -------
@@ -175,7 +168,7 @@ def heading_error_figure(
     InputError
         If the aircraft or the reference is not in the fits.
     """
-    run = Run(headings, fits, reference or main_reference(fits), units)
+    run = Run(headings, fits, reference or main_reference(fits))
     fit = run.fit(aircraft)
     name = str(fit["aircraft"].to_numpy())
     heading, error = run.points(name)
@@ -240,7 +233,6 @@ def write_swing_cards(
     path: str | Path,
     *,
     reference: str | None = None,
-    units: Units = "kt",
 ) -> int:
     """Write the swing cards of all aircraft with a fit into one PDF.
 
@@ -254,8 +246,6 @@ def write_swing_cards(
         The PDF file.
     reference : str, optional
         Reference or pool; by default the first pool, else the first reference.
-    units : {"kt", "m/s"}, optional
-        Unit of speeds.
 
     Returns
     -------
@@ -272,7 +262,7 @@ def write_swing_cards(
             "the fits contain no tables", field="table_correction", remedy="Call add_tables first"
         )
     drawn = selection.drawn_columns(headings)
-    run = Run(drawn, fits, reference or main_reference(fits), units)
+    run = Run(drawn, fits, reference or main_reference(fits))
     usable = published(fits["status"].sel(reference=run.reference))
     chosen = selection.names_of(fits.isel(aircraft=usable))
     # Without dates, or the same cards would differ from run to run.

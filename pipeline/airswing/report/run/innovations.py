@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 
 from airswing.evaluation.innovations import combined
 from airswing.report import html
-from airswing.report.html import STATES, Look, Units, per_m_s, plural
+from airswing.report.html import STATES, Look, plural
 from airswing.report.run.changes import date_axis, days_since_1970
 from airswing.report.run.selection import Run, names_of
+from airswing.units import KNOT
 
 _QUANTITIES = ("speed", "direction", "eastward", "northward")
 _CELLS = ("aircraft", "flight_phase", "layer")
@@ -24,9 +25,9 @@ _CELLS = ("aircraft", "flight_phase", "layer")
 _MOST_SERIES, _MOST_AIRCRAFT = 7, 20
 
 
-def _unit(quantity: str, units: Units) -> tuple[str, float]:
+def _unit(quantity: str) -> tuple[str, float]:
     """Return the unit of a quantity as shown, and the factor to it."""
-    return ("degree", 1.0) if quantity == "direction" else (units, per_m_s(units))
+    return ("degree", 1.0) if quantity == "direction" else ("kt", 1.0 / KNOT)
 
 
 def _cells_by(statistics: xr.Dataset, by: str) -> xr.Dataset:
@@ -39,7 +40,7 @@ def _cells_by(statistics: xr.Dataset, by: str) -> xr.Dataset:
     return found.isel({by: keep}).rename({by: "row"})
 
 
-def _innovation_figure(statistics: xr.Dataset, units: Units) -> Figure:
+def _innovation_figure(statistics: xr.Dataset) -> Figure:
     aircraft, *others = (_cells_by(statistics, by) for by in _CELLS)
     reports = aircraft["innovation_speed_count"].isel(state=0).to_numpy()
     order = np.argsort(-reports, kind="stable")[:_MOST_AIRCRAFT]
@@ -47,7 +48,7 @@ def _innovation_figure(statistics: xr.Dataset, units: Units) -> Figure:
     rows = [name for part in cells for name in names_of(part, "row")]
     figure, panels = html.panels(1.1 + 0.2 * len(rows), 1, len(_QUANTITIES), sharey=True)
     for axes, quantity in zip(panels, _QUANTITIES, strict=True):
-        unit, factor = _unit(quantity, units)
+        unit, factor = _unit(quantity)
         for index, (state, colour, marker) in enumerate(STATES):
             bias, spread = (
                 factor
@@ -68,11 +69,11 @@ def _innovation_figure(statistics: xr.Dataset, units: Units) -> Figure:
     )
 
 
-def _innovation_histogram_figure(statistics: xr.Dataset, units: Units) -> Figure:
+def _innovation_histogram_figure(statistics: xr.Dataset) -> Figure:
     counts, reference = statistics["innovation_histogram"], statistics["reference"].item()
     number = int(counts.sel(state="reported").sum())
     lower = statistics["eastward_class"].to_numpy().astype(float)
-    ends = per_m_s(units) * np.array([lower[0], 2 * lower[-1] - lower[-2]])
+    ends = np.array([lower[0], 2 * lower[-1] - lower[-2]]) / KNOT
     figure, panels = html.panels(4.6, 1, 2, sharex=True, sharey=True)
     look = Look(cmap=html.DENSITY, norm=LogNorm(1, max(int(counts.max()), 2)), origin="lower")
     for axes, (state, *_) in zip(panels, STATES, strict=True):
@@ -82,8 +83,8 @@ def _innovation_histogram_figure(statistics: xr.Dataset, units: Units) -> Figure
         )
         html.zero_line(axes)
         html.zero_line(axes, across=True)
-        axes.set(title=state, xlabel=f"eastward innovation ({units})")
-    panels[0].set_ylabel(f"northward innovation ({units})")
+        axes.set(title=state, xlabel="eastward innovation (kt)")
+    panels[0].set_ylabel("northward innovation (kt)")
     bar = figure.colorbar(drawn, ax=list(panels), label="reports in a class", shrink=0.8)
     html.count_ticks(bar, float(counts.max()))
     return figure.say(
@@ -92,13 +93,13 @@ def _innovation_histogram_figure(statistics: xr.Dataset, units: Units) -> Figure
     )
 
 
-def _innovation_series_figure(statistics: xr.Dataset, names: Sequence[str], units: Units) -> Figure:
+def _innovation_series_figure(statistics: xr.Dataset, names: Sequence[str]) -> Figure:
     chosen, reference = statistics.sel(aircraft=list(names)), statistics["reference"].item()
     day = days_since_1970(statistics["day"].to_numpy())
     number = int(chosen["daily_innovation_count"].sel(state="reported").sum())
     figure, grid = html.panels(4.6, 2, 2, sharex=True, sharey="row")
     for panels, quantity in zip(grid, ("speed", "direction"), strict=True):
-        unit, factor = _unit(quantity, units)
+        unit, factor = _unit(quantity)
         for axes, (state, *_) in zip(panels, STATES, strict=True):
             for index, name in enumerate(names):
                 value = chosen[f"daily_innovation_{quantity}"].sel(aircraft=name, state=state)
@@ -119,7 +120,7 @@ def innovations_section(
     statistics: xr.Dataset | None, run: Run, show: html.Figures
 ) -> html.Section:
     """Return the section on the innovations."""
-    parts, lead, units = [], "", show.units
+    parts, lead = [], ""
     if statistics is not None and not statistics["innovation_speed_count"].any():
         lead = "No report has a phase, a layer and a reference wind."
     elif statistics is not None:
@@ -127,8 +128,8 @@ def innovations_section(
         chosen = run.reference if run.reference in known else known[0]
         statistics = statistics.sel(reference=chosen)
         changes, whole = [], combined(statistics, _CELLS)
-        for quantity, sign in (("speed", f" {units}"), ("direction", "°")):
-            rms = _unit(quantity, units)[1] * whole[f"innovation_{quantity}_rms"]
+        for quantity, sign in (("speed", " kt"), ("direction", "°")):
+            rms = _unit(quantity)[1] * whole[f"innovation_{quantity}_rms"]
             before, after = (float(rms.sel(state=state)) for state, *_ in STATES)
             if np.isfinite(before + after):
                 changes.append(f"{quantity} from {before:.1f} to {after:.1f}{sign}")
@@ -136,10 +137,10 @@ def innovations_section(
             lead = f"Rms innovation against {chosen}, before and after the correction: "
             lead += f"{', '.join(changes)}."
         names = [name for name in run.order if name in names_of(statistics)][:_MOST_SERIES]
-        parts.append(show("innovations", _innovation_figure(statistics, units), dpi=120))
-        figure = _innovation_histogram_figure(statistics, units)
+        parts.append(show("innovations", _innovation_figure(statistics), dpi=120))
+        figure = _innovation_histogram_figure(statistics)
         parts.append(html.folded("Histogram", show("innovation_histogram", figure)))
-        series = _innovation_series_figure(statistics, names, units)
+        series = _innovation_series_figure(statistics, names)
         shown = show("innovation_series", series, dpi=120)
         parts.append(html.folded("Daily means by aircraft", shown))
     return html.Section("innovations", "Innovations (observation minus reference)", lead, parts)

@@ -21,7 +21,7 @@ from airswing.flags import published
 from airswing.products.ragged import time_span
 from airswing.products.whole_files import write_text
 from airswing.report import html
-from airswing.report.html import FAINT, SOFT, Look, Units, interval_text, plural
+from airswing.report.html import FAINT, SOFT, Look, interval_text, plural
 from airswing.report.html.maps import places_section
 from airswing.report.run import evaluation as judged
 from airswing.report.run import selection
@@ -77,7 +77,6 @@ def write_page(
     summary: Mapping[str, Any] | None = None,
     evaluation: Evaluation | None = None,
     apart: BeforeAfter | None = None,
-    units: Units = "kt",
 ) -> Path:
     """Write the page of a run, ``index.html``, and its figures, ``figures/*.png``.
 
@@ -95,8 +94,6 @@ def write_page(
         Sections without content are omitted.
     apart : BeforeAfter, optional
         Disagreement with the reference of the headline; computed from ``corrected`` by default.
-    units : {"kt", "m/s"}, optional
-        Unit of all speeds on the page.
 
     Returns
     -------
@@ -110,8 +107,8 @@ def write_page(
     """
     folder, summary, found = Path(directory), summary or {}, evaluation or Evaluation()
     reference = summary.get("reference") or main_reference(fits)
-    run = Run(selection.drawn_columns(headings), fits, reference, units)
-    show = html.Figures(folder / "figures", units)
+    run = Run(selection.drawn_columns(headings), fits, reference)
+    show = html.Figures(folder / "figures")
     if corrected is not None and apart is None:
         apart = selection.disagreement(headings, corrected, reference)
     total, period, errors = apart and apart.total, None, found.observation_errors
@@ -143,7 +140,7 @@ def write_page(
     text = html.document(
         title="airswing: compass deviation of the fleet",
         kicker=f"Compass deviation from wind reports  ·  {' to '.join(period or ['no reports'])}",
-        headline=selection.headline(fits, total, reference, units),
+        headline=selection.headline(fits, total, reference),
         facts=_facts(run, total),
         warnings=summary.get("warnings", ()),
         sections=sections,
@@ -163,10 +160,10 @@ def _facts(run: Run, total: BeforeAfter | None) -> list[tuple[str, str]]:
         words = f"median offset of {constants.size} aircraft with an offset only"
         facts.append((f"{np.median(constants):+.1f}°", words))
     if total is not None and total.number:
-        before, after, reduction, half = (html.per_kt(run.units) * value for value in total[:4])
+        before, after, reduction, half, *_ = total
         gain = interval_text(reduction, half)
-        words = f"disagreement with {run.reference}; reduction {gain} {run.units}"
-        facts.append((f"{before:.1f} → {after:.1f} {run.units}", words))
+        words = f"disagreement with {run.reference}; reduction {gain} kt"
+        facts.append((f"{before:.1f} → {after:.1f} kt", words))
     reports = f"reports used of {run.headings.sizes['report']:,}"
     return [*facts, (f"{selection.kept_reports(run.headings):,}", reports)]
 
@@ -294,23 +291,21 @@ def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
 
 
 def _before_after_figure(run: Run, apart: BeforeAfter, aircraft: Sequence[str]) -> Figure:
-    known, units, reference = names_of(run.headings), run.units, run.reference
+    known, reference = names_of(run.headings), run.reference
     rows = [known.index(name) for name in aircraft if apart.number[known.index(name)] > 0]
     if not rows:
         return html.empty_figure("No aircraft was corrected")
     rows.sort(key=lambda row: -apart.reduction[row])
     height = 1.3 + max(0.22 * len(rows), 1.2)
     figure, (left, right) = html.panels(height, 1, 2, sharey=True, width_ratios=(1.5, 1))
-    before, after, reduction, half = (
-        html.per_kt(units) * np.nan_to_num(part[rows]) for part in apart[:4]
-    )
+    before, after, reduction, half = (np.nan_to_num(part[rows]) for part in apart[:4])
     y, names = np.arange(len(rows)), [known[row] for row in rows]
     left.hlines(y, after, before, color=FAINT, linewidth=2.5)
     left.plot(before, y, "o", color=html.ORANGE, markersize=6, label="as reported")
     left.plot(after, y, "D", color=html.BLUE, markersize=5.5, label="corrected")
     left.set_xlim(left=0)
-    html.rows_axis(left, names, f"mean vector disagreement with {reference} ({units})")
-    label, ends = f"reduction ({units}), 95 % interval", (reduction - half, reduction + half)
+    html.rows_axis(left, names, f"mean vector disagreement with {reference} (kt)")
+    label, ends = "reduction (kt), 95 % interval", (reduction - half, reduction + half)
     html.interval_rows(right, names, reduction, ends, label, color=html.INK)
     right.tick_params(labelleft=False)
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2)

@@ -23,7 +23,7 @@ from airswing.evaluation.resampling import SUMS, cluster_sums, clustered_mean
 from airswing.flags import SCREENING, STATUS, is_corrected, published
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.products.ragged import aircraft_reports
-from airswing.report.html import Units, interval_text, per_kt, per_m_s
+from airswing.report.html import interval_text
 from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
@@ -72,12 +72,11 @@ def drawn_columns(headings: xr.Dataset) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class Run:
-    """Headings and fits of a fleet against one reference or pool, and the unit of speeds."""
+    """Headings and fits of a fleet against one reference or pool."""
 
     headings: xr.Dataset
     fits: xr.Dataset
     reference: str
-    units: Units = "kt"
 
     @cached_property
     def order(self) -> list[str]:
@@ -113,10 +112,10 @@ class Run:
         """A sentence on the bias subtracted from the points; empty without a bias."""
         if not self.bias.any():
             return ""
-        east, north = per_m_s(self.units) * self.bias
+        east, north = self.bias / KNOT
         return (
-            f" The fitted bias of the reference ({east:+.2f} {self.units} eastward, {north:+.2f} "
-            f"{self.units} northward) is subtracted from the points."
+            f" The fitted bias of the reference ({east:+.2f} kt eastward, {north:+.2f} "
+            "kt northward) is subtracted from the points."
         )
 
     def points(self, aircraft: str) -> tuple[Floats, Floats]:
@@ -292,9 +291,7 @@ def fitted_sizes(fits: xr.Dataset, reference: str) -> tuple[Floats, Floats]:
     return fit["amplitude"].to_numpy()[curve], fit["offset"].to_numpy()[constant]
 
 
-def headline(
-    fits: xr.Dataset, total: BeforeAfter | None, reference: str, units: Units = "kt"
-) -> str:
+def headline(fits: xr.Dataset, total: BeforeAfter | None, reference: str) -> str:
     """Return the headline of a run, at most 25 words."""
     sizes, constants = fitted_sizes(fits, reference)
     counts, fleet = status_counts(fits, reference), fits.sizes["aircraft"]
@@ -315,8 +312,8 @@ def headline(
         return f"{text}."
     if not total.number:
         return f"{text}; no report could be corrected."
-    before, after = (per_kt(units) * value for value in (total.before, total.after))
+    verb = "falls" if total.after < total.before else "rises"
     return (
-        f"{text}; the corrected winds' disagreement {'falls' if after < before else 'rises'} from "
-        f"{before:.1f} to {after:.1f} {units}."
+        f"{text}; the corrected winds' disagreement {verb} from {total.before:.1f} to "
+        f"{total.after:.1f} kt."
     )
