@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from airswing.handover.forecasts.correcting import FORECASTS, METHODS, SCORES, TIME
 from airswing.products.whole_files import write_text
@@ -189,40 +190,20 @@ def _time_line_figure(corrected: xr.Dataset, variable: str, station: int) -> Fig
 
 
 def _stations_figure(scored: xr.Dataset, variable: str) -> Figure:
-    of_raw, of_corrected = (
-        _with_unit(f"rms error, {which}", scored, variable) for which in ("raw", "corrected")
-    )
-    scored = scored.sel(variable=variable)
-    rms = scored["forecast_error_rms_by_station"]
-    raw = rms.sel(correction="raw").to_numpy()
-    known = np.isfinite(raw)
-    if not known.any():
-        return html.empty_figure("No pair on the days held out")
-    figure, (left, right) = html.panels(3.6, 1, 2)
-    values = rms.isel(station=np.flatnonzero(known))
-    # A single station with a gross error is drawn at the edge.
-    top = max(1.5 * float(np.nanpercentile(values, 95.0)), 1e-9)
-    for index, method in enumerate(METHODS[1:], start=1):
-        after = np.minimum(rms.sel(correction=method), top)
-        look = html.series(index, markersize=4, alpha=0.6, label=NAMES[method])
-        left.plot(np.minimum(raw, top), after, linestyle="", **look)
-    left.plot([0, top], [0, top], color=html.SOFT, linewidth=0.9)
-    limits = (0, 1.02 * top)
-    left.set(xlim=limits, ylim=limits, xlabel=of_raw, ylabel=of_corrected)
-    left.legend()
-    kalman = scored.sel(correction="kalman")
-    skill = kalman["skill_by_station"].to_numpy()
+    chosen = scored.sel(variable=variable, correction="kalman")
+    skill = chosen["skill_by_station"].to_numpy()
     order = np.argsort(skill)[: np.isfinite(skill).sum()]  # NaN is last
-    bounds = kalman["skill_by_station_interval"].transpose("bound", "station")[:, order]
+    if not order.size:
+        return html.empty_figure("No pair on the days held out")
+    figure, axes = html.panels(3.2)
+    ends = chosen["skill_by_station_interval"].transpose("bound", "station")[:, order]
     look, place = html.series(METHODS.index("kalman")), np.arange(1, order.size + 1)
-    ends = np.maximum(bounds, -1.0)
-    right.vlines(place, *ends, color=look["color"], alpha=0.35, linewidth=1.0)
-    right.plot(place, np.maximum(skill[order], -1.0), linestyle="", markersize=3, **look)
-    html.zero_line(right, across=True)
-    right.set(ylim=(-1.05, 1.05), xlabel="station, by skill", ylabel="skill of the filter")
-    outside = int((rms > top).any("correction").sum())
-    beyond = f"; {plural(outside, 'station')} beyond the axes at the edge" if outside else ""
+    axes.vlines(place, *np.maximum(ends, -1.0), color=look["color"], alpha=0.35, linewidth=1.0)
+    axes.plot(place, np.maximum(skill[order], -1.0), linestyle="", markersize=3, **look)
+    html.zero_line(axes, across=True)
+    axes.set(ylim=(-1.05, 1.05), xlabel="station, by skill", ylabel="skill of the filter")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure.say(
-        f"{_plain(variable)} on the days held out (n = {plural(known.sum(), 'station')}). Left: "
-        f"rms error{beyond}. Right: skill against the raw forecast, 95 % intervals by days."
+        f"{_plain(variable)} on the days held out: skill of the filter against the raw forecast "
+        f"at each station, 95 % intervals by days (n = {plural(order.size, 'station')})."
     )

@@ -62,10 +62,9 @@ _USED_ELSEWHERE = {
 }
 
 
-def _change(content: Content, key: str, *, unit: bool = True) -> str:
+def _change(content: Content, key: str) -> str:
     """Return a speed of the content and its interval."""
-    ends = content.get(f"{key}_ci_kt")
-    return html.amount(content.get(f"{key}_kt"), ends, unit="kt" if unit else "")
+    return html.amount(content.get(f"{key}_kt"), content.get(f"{key}_ci_kt"), unit="kt")
 
 
 def _speeds(entries: Iterable[Content], key: str) -> tuple[Floats, Floats]:
@@ -99,15 +98,11 @@ def field_test_figure(field_test: Content) -> Figure:
     """
     groups = field_test["groups"]
     figure, (left, right) = html.panels(1.5 + 0.5 * len(groups), 1, 2, width_ratios=(1.5, 1))
-    falls = np.array([one["before_kt"] > one["during_kt"] for one in groups.values()])
     looks = (html.ORANGE, "o", -1), (BLUE, "D", 1)
     for when, (colour, marker, shift) in zip(_PERIODS, looks, strict=True):
         (values, ends), rows = _speeds(groups.values(), when), np.arange(len(groups))
         left.plot(values, rows, marker, color=colour, markersize=7, label=when)
         left.plot(ends, np.tile(rows + 0.14 * shift, (2, 1)), color=colour, linewidth=1.3)
-        for row, side in enumerate(np.where(falls, -shift, shift)):
-            look = Look(va="center", ha="left" if side > 0 else "right", fontsize=9)
-            html.annotate(left, f"{values[row]:.2f}", (values[row], row), (9 * side, 0), **look)
     names = [f"{name}\n{entry['aircraft']} aircraft" for name, entry in groups.items()]
     html.rows_axis(left, names, "mean vector disagreement (kt)")
     left.margins(x=0.16)
@@ -116,12 +111,9 @@ def field_test_figure(field_test: Content) -> Figure:
         key = f"adjusted_reduction{ending}"
         if field_test.get(f"{key}_kt") is not None:
             changes.append((f"adjusted, {label}", field_test, key, BLUE))
-    look = Look(ha="center", fontsize=8.5)
-    look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
     for row, (_, entry, key, colour) in enumerate(changes):
         value, ends = _speeds([entry], key)
         html.intervals(right, value, ends, row, color=colour, markersize=6)
-        html.annotate(right, f"{value[0]:+.2f}", (value[0], row), (0, 6), **look)
     html.zero_line(right)
     html.rows_axis(right, [label for label, *_ in changes], "reduction (kt)")
     right.margins(x=0.14)
@@ -133,38 +125,18 @@ def field_test_figure(field_test: Content) -> Figure:
     )
 
 
-def _scrutiny_figure(field_test: Content) -> Figure:
-    figure, (left, right) = html.panels(3.7, 1, 2)
-    rows = field_test.get("by_aircraft", [])
-    left.set_title("Each aircraft")
-    each = pd.DataFrame(rows, columns=["group", "before_kt", "during_kt"]).set_index("group")
-    values = each.astype(float)
-    if np.isfinite(values).any(axis=None):
-        for name, colour, marker in (("controls", SOFT, "s"), ("corrected", BLUE, "o")):
-            look = Look(color=colour, alpha=0.85, markersize=5.5, label=name)
-            left.plot(*values[values.index == name].to_numpy().T, marker, **look)
-        _equal_axes(left, values.to_numpy(), "before (kt)", "during (kt)")
-        left.legend(loc="upper left")
-    else:
-        html.blank(left, "No results by aircraft.")
-    right.set_title("Permutation test over aircraft")
-    words = "Too few aircraft for a permutation test."
-    permutation = field_test.get("permutation") or {"null_effects_kt": []}
-    draws = np.asarray(permutation["null_effects_kt"], float)
-    if draws.size:
-        effect = permutation["effect_kt"]
-        right.hist(draws, bins=30, color=FAINT)
-        right.axvline(effect, color=VERMILION, linewidth=2.0, label=f"effect {effect:+.2f} kt")
-        right.legend(loc="upper left")
-        right.set(xlabel="effect with randomly drawn groups (kt)", ylabel="draws")
-        words = (
-            f"Right: effects of randomly drawn groups ({draws.size:,} draws shown); "
-            f"p value of the effect {permutation['p_value']:.3g}."
-        )
-    else:
-        html.blank(right, words)
+def _each_aircraft_figure(rows: Sequence[Content]) -> Figure:
+    each = pd.DataFrame(rows).set_index("group")[["before_kt", "during_kt"]].astype(float).dropna()
+    if each.empty:
+        return html.empty_figure("No aircraft has reports before and during the test")
+    figure, axes = html.panels(3.7)
+    for name, colour, marker in (("controls", SOFT, "s"), ("corrected", BLUE, "o")):
+        look = Look(color=colour, alpha=0.85, markersize=5.5, label=name)
+        axes.plot(*each[each.index == name].to_numpy().T, marker, **look)
+    _equal_axes(axes, each.to_numpy(), "before (kt)", "during (kt)")
+    axes.legend(loc="upper left")
     return figure.say(
-        f"Left: mean disagreement (n = {len(rows)} aircraft); below the line it fell. {words}"
+        f"Mean disagreement of each aircraft (n = {len(each)} aircraft); below the line it fell."
     )
 
 
@@ -183,13 +155,16 @@ def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
     for name, one in groups.items():
         row = {"group": name, "aircraft": one["aircraft"]}
         for key in ("before", "during", "reduction"):
-            row[f"{key} (kt)"] = _change(one, key, unit=False)
+            row[key] = _change(one, key)
         reports = {f"reports {when}": int(one.get(f"reports_{when}", 0)) for when in _PERIODS}
         rows.append(row | reports)
     caption = "Mean vector disagreement; in brackets 95 % intervals."
-    checks, lines = [], []
-    if field_test.get("by_aircraft") or field_test.get("permutation"):
-        checks.append(show("field_test_checks", _scrutiny_figure(field_test)))
+    checks, lines = [], ["Permutation test over aircraft: too few aircraft."]
+    if by_aircraft := field_test.get("by_aircraft"):
+        checks.append(show("field_test_checks", _each_aircraft_figure(by_aircraft)))
+    permutation = field_test.get("permutation") or {}
+    if permutation.get("null_effects_kt"):
+        lines = [f"Permutation test over aircraft: p value {permutation['p_value']:.3g}."]
     for part, key, words in _CHECKS:
         if (value := (field_test.get(part) or {}).get(key)) is not None:
             lines.append(words.format(f"{value:+.2f} kt"))

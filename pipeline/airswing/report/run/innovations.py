@@ -5,8 +5,6 @@ Takes ``innovation_statistics.nc`` (:mod:`airswing.evaluation.innovations`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import xarray as xr
 from matplotlib.colors import LogNorm
@@ -15,14 +13,12 @@ from matplotlib.figure import Figure
 from airswing.evaluation.innovations import combined
 from airswing.report import html
 from airswing.report.html import STATES, Look, plural
-from airswing.report.run.changes import date_axis, days_since_1970
-from airswing.report.run.selection import Run, names_of
+from airswing.report.run.selection import names_of
 from airswing.units import KNOT
 
 _QUANTITIES = ("speed", "direction", "eastward", "northward")
 _CELLS = ("aircraft", "flight_phase", "layer")
-# Aircraft in the figures.
-_MOST_SERIES, _MOST_AIRCRAFT = 7, 20
+_MOST_AIRCRAFT = 20  # in the figure
 
 
 def _unit(quantity: str) -> tuple[str, float]:
@@ -93,54 +89,32 @@ def _innovation_histogram_figure(statistics: xr.Dataset) -> Figure:
     )
 
 
-def _innovation_series_figure(statistics: xr.Dataset, names: Sequence[str]) -> Figure:
-    chosen, reference = statistics.sel(aircraft=list(names)), statistics["reference"].item()
-    day = days_since_1970(statistics["day"].to_numpy())
-    number = int(chosen["daily_innovation_count"].sel(state="reported").sum())
-    figure, grid = html.panels(4.6, 2, 2, sharex=True, sharey="row")
-    for panels, quantity in zip(grid, ("speed", "direction"), strict=True):
-        unit, factor = _unit(quantity)
-        for axes, (state, *_) in zip(panels, STATES, strict=True):
-            for index, name in enumerate(names):
-                value = chosen[f"daily_innovation_{quantity}"].sel(aircraft=name, state=state)
-                look = html.series(index, markersize=3, linewidth=1.0, label=name)
-                axes.plot(day, factor * value.to_numpy(), **look)
-            html.zero_line(axes, across=True)
-            axes.set_title(f"{quantity}, {state}")
-        panels[0].set_ylabel(f"innovation ({unit})")
-    date_axis(grid[-1, 0])
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=7)
-    return figure.say(
-        f"Daily mean of observation minus {reference} (n = {plural(number, 'report')} of "
-        f"{len(names)} aircraft)."
-    )
-
-
 def innovations_section(
-    statistics: xr.Dataset | None, run: Run, show: html.Figures
-) -> html.Section:
-    """Return the section on the innovations."""
-    parts, lead = [], ""
-    if statistics is not None and not statistics["innovation_speed_count"].any():
+    statistics: xr.Dataset | None, reference: str, show: html.Figures
+) -> html.Section | None:
+    """Return the section on the innovations against a reference, or the first if not known."""
+    title = "Innovations (observation minus reference)"
+    if statistics is None:
+        return None
+    if not statistics["innovation_speed_count"].any():
         lead = "No report has a phase, a layer and a reference wind."
-    elif statistics is not None:
-        known = names_of(statistics, "reference")
-        chosen = run.reference if run.reference in known else known[0]
-        statistics = statistics.sel(reference=chosen)
-        changes, whole = [], combined(statistics, _CELLS)
-        for quantity, sign in (("speed", " kt"), ("direction", "°")):
-            rms = _unit(quantity)[1] * whole[f"innovation_{quantity}_rms"]
-            before, after = (float(rms.sel(state=state)) for state, *_ in STATES)
-            if np.isfinite(before + after):
-                changes.append(f"{quantity} from {before:.1f} to {after:.1f}{sign}")
-        if changes:
-            lead = f"Rms innovation against {chosen}, before and after the correction: "
-            lead += f"{', '.join(changes)}."
-        names = [name for name in run.order if name in names_of(statistics)][:_MOST_SERIES]
-        parts.append(show("innovations", _innovation_figure(statistics), dpi=120))
-        figure = _innovation_histogram_figure(statistics)
-        parts.append(html.folded("Histogram", show("innovation_histogram", figure)))
-        series = _innovation_series_figure(statistics, names)
-        shown = show("innovation_series", series, dpi=120)
-        parts.append(html.folded("Daily means by aircraft", shown))
-    return html.Section("innovations", "Innovations (observation minus reference)", lead, parts)
+        return html.Section("innovations", title, lead)
+    known = names_of(statistics, "reference")
+    chosen = reference if reference in known else known[0]
+    statistics = statistics.sel(reference=chosen)
+    changes, whole = [], combined(statistics, _CELLS)
+    for quantity, sign in (("speed", " kt"), ("direction", "°")):
+        rms = _unit(quantity)[1] * whole[f"innovation_{quantity}_rms"]
+        before, after = (float(rms.sel(state=state)) for state, *_ in STATES)
+        if np.isfinite(before + after):
+            changes.append(f"{quantity} from {before:.1f} to {after:.1f}{sign}")
+    lead = ""
+    if changes:
+        lead = f"Rms innovation against {chosen}, before and after the correction: "
+        lead += f"{', '.join(changes)}."
+    histogram = show("innovation_histogram", _innovation_histogram_figure(statistics))
+    parts = [
+        show("innovations", _innovation_figure(statistics), dpi=120),
+        html.folded("Histogram", histogram),
+    ]
+    return html.Section("innovations", title, lead, parts)

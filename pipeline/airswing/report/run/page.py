@@ -127,7 +127,7 @@ def write_page(
         found.monitoring and monitoring_section(found.monitoring, show),
         _curves_section(run, show),
         _fleet_section(run, apart, show),
-        innovations_section(found.innovations, run, show),
+        innovations_section(found.innovations, reference, show),
         found.ranking and judged.ranking_section(found.ranking, found.virtual, show),
         found.stability and stability_section(found.stability, show, period),
         found.field_test and judged.field_test_section(found.field_test, show),
