@@ -75,7 +75,7 @@ class _Common:
     """Integrates the common part, given aircraft whose individual parts are integrated.
 
     An aircraft with its individual part integrated is a Gaussian in the common part phi,
-    exp(l + j'phi - phi'J phi / 2).
+    exp(l + j'phi - phi'J phi / 2). Leading axes are several cases: scales, dates, sets of aircraft.
     """
 
     def __init__(self, variance: Floats) -> None:
@@ -91,58 +91,77 @@ class _Common:
 
     def mean(self, score: Floats, information: Floats) -> Floats:
         """Posterior mean of phi."""
-        return np.asarray(np.linalg.solve(self.inverse + information, score))
+        return np.asarray(np.linalg.solve(self.inverse + information, score[..., None])[..., 0])
 
 
 def _at(level: Floats, score: Floats, information: Floats, phi: Floats) -> Floats:
-    """Log density of aircraft at a common part phi."""
-    return np.asarray(
-        level + score @ phi - 0.5 * np.einsum("i,...ij,j->...", phi, information, phi)
+    """Log density of aircraft at a common part phi (..., m)."""
+    quadratic = ((information @ phi[..., None])[..., 0] * phi).sum(-1)
+    return np.asarray(level + (score * phi).sum(-1) - 0.5 * quadratic)
+
+
+Parts = tuple[Floats, Floats, Floats]  # level (..., A), score (..., A, m), information
+
+
+def _chosen(which: Booleans, yes: Parts, no: Parts) -> Parts:
+    """Sums over the aircraft of one of two cases each."""
+    return (
+        np.where(which, yes[0], no[0]).sum(axis=-1),
+        np.where(which[..., None], yes[1], no[1]).sum(axis=-2),
+        np.where(which[..., None, None], yes[2], no[2]).sum(axis=-3),
     )
 
 
-Parts = tuple[Floats, Floats, Floats]  # level (A,), score (A, m), information (A, m, m)
+def _sums_in_order(order: Integers, parts: Parts) -> Parts:
+    """Sums over the first 0, 1, ... A aircraft of an order (..., A)."""
+
+    def summed(part: Floats, inner: int) -> Floats:
+        part = np.broadcast_to(part, order.shape + part.shape[part.ndim - inner :])
+        index, axis = order.reshape(order.shape + (1,) * inner), -1 - inner
+        return np.insert(np.take_along_axis(part, index, axis).cumsum(axis), 0, 0.0, axis)
+
+    return summed(parts[0], 0), summed(parts[1], 1), summed(parts[2], 2)
 
 
 def _nested(
     common: _Common, null: Parts, slab: Parts, *, add: Floats, able: Booleans
 ) -> tuple[Floats, Floats]:
-    """Log evidence of the best set of each size, and each aircraft's gain given the common part."""
+    """Log evidence of the best set of each size, and each aircraft's gain given the common part.
+
+    Of every case of the leading axes of ``slab`` and ``able`` (..., A); sets of more than the
+    aircraft that are able have none.
+    """
     phi = common.mean(null[1].sum(axis=0), null[2].sum(axis=0))
 
     def gain_at(phi: Floats) -> Floats:
-        apart = _at(*slab, phi) - _at(*null, phi) + add
-        return np.where(able, apart, -np.inf)
+        at = phi[..., None, :]
+        return np.where(able, _at(*slab, at) - _at(*null, at) + add, -np.inf)
 
     for _ in range(3):  # the order of the aircraft depends on phi, which depends on those affected
-        inside = gain_at(phi) > 0
-        phi = common.mean(
-            np.where(inside[:, None], slab[1], null[1]).sum(axis=0),
-            np.where(inside[:, None, None], slab[2], null[2]).sum(axis=0),
-        )
+        _, score, information = _chosen(gain_at(phi) > 0, slab, null)
+        phi = common.mean(score, information)
     gain = gain_at(phi)
-    order = np.argsort(-gain)
-    order = order[np.isfinite(gain[order])]
-
-    def steps(x: Floats, y: Floats) -> Floats:
-        return np.concatenate([y.sum(0)[None], y.sum(0) + np.cumsum((x - y)[order], 0)])
-
-    sums = map(steps, slab, null)
-    return common.total(*sums) + np.r_[0.0, np.cumsum(add[order])], gain
+    order = np.argsort(-gain, axis=-1)
+    more = _sums_in_order(order, (slab[0] - null[0] + add, slab[1] - null[1], slab[2] - null[2]))
+    evidence = common.total(
+        *(part.sum(axis=0) + steps for part, steps in zip(null, more, strict=True))
+    )
+    sizes = np.arange(gain.shape[-1] + 1)
+    return np.where(sizes <= able.sum(axis=-1)[..., None], evidence, -np.inf), gain
 
 
 def _alike(
-    variance: Floats, null: Parts, slab: Parts, scale: float, gain: Floats, able: Booleans
+    variance: Floats, null: Parts, slab: Parts, scales: Floats, gain: Floats, able: Booleans
 ) -> tuple[Floats, Floats]:
-    """The same as `_nested` for affected aircraft that share a mean.
+    """The same as `_nested` for affected aircraft that share a mean, for each of the scales (s,).
 
     Aircraft without the effect are Gaussians in phi, those with it in phi + mu; both are
     integrated together.
     """
     m = variance.shape[0]
-    common = _Common(block_diag(variance, scale**2 * np.eye(m)))
+    joint_variance = np.stack([block_diag(variance, s**2 * np.eye(m)) for s in scales])
 
-    def joint(rest: Sequence[Floats], inside: Sequence[Floats]) -> Parts:
+    def joint(rest: Parts, inside: Parts) -> Parts:
         """Level, score and information in (phi, mu) of sums over aircraft."""
         top = np.concatenate([rest[2] + inside[2], inside[2]], axis=-1)
         bottom = np.concatenate([inside[2], inside[2]], axis=-1)
@@ -150,21 +169,20 @@ def _alike(
         score = np.concatenate([rest[1] + inside[1], inside[1]], axis=-1)
         return rest[0] + inside[0], score, information
 
+    nothing: Parts = (np.zeros(()), np.zeros(m), np.zeros((m, m)))
     for _ in range(2):
-        affected = gain > 0
-        if not affected.any():
-            affected = gain == gain.max()
-        rest = [part[~affected].sum(axis=0) for part in null]
-        _, score, information = joint(rest, [part[affected].sum(axis=0) for part in slab])
-        both = common.mean(score, information)
-        gain = np.where(able, _at(*slab, both[:m] + both[m:]) - _at(*null, both[:m]), -np.inf)
-    order = np.argsort(-gain)[: able.sum()]
-
-    def steps(part: Floats) -> Floats:
-        return np.concatenate([np.zeros((1, *part.shape[1:])), np.cumsum(part[order], axis=0)])
-
-    rest = [part.sum(axis=0) - steps(part) for part in null]
-    return common.total(*joint(rest, [steps(part) for part in slab])), gain
+        affected = np.where(
+            (gain > 0).any(-1, keepdims=True), gain > 0, gain == gain.max(-1)[:, None]
+        )
+        rest, inside = _chosen(affected, nothing, null), _chosen(affected, slab, nothing)
+        both = _Common(joint_variance).mean(*joint(rest, inside)[1:])[:, None]
+        apart = _at(*slab, both[..., :m] + both[..., m:]) - _at(*null, both[..., :m])
+        gain = np.where(able, apart, -np.inf)
+    order = np.argsort(-gain, axis=-1)
+    steps, without = _sums_in_order(order, slab), _sums_in_order(order, null)
+    rest = (null[0].sum(0) - without[0], null[1].sum(0) - without[1], null[2].sum(0) - without[2])
+    evidence = _Common(joint_variance[:, None]).total(*joint(rest, steps))
+    return np.where(np.arange(able.size + 1) <= able.sum(), evidence, -np.inf), gain
 
 
 def static_evidence(
@@ -191,12 +209,12 @@ def static_evidence(
     small = usual**2 + np.broadcast_to(found.remainder, aircraft)[:, None]
 
     def parts(variance: Floats) -> Parts:
-        """Each aircraft with its individual part of these variances (A, 1) integrated."""
+        """Each aircraft with its individual part of these variances (..., A, 1) integrated."""
         spread = kappa * values + variance * values**2
         shrunk = values / (kappa + variance * values)
-        information = np.einsum("aij,aj,akj->aik", vectors, shrunk, vectors)
-        linear = np.einsum("aij,aj->ai", vectors, turned / (kappa + variance * values))
-        level = -0.5 * np.log(spread).sum(axis=1) - 0.5 * (turned**2 / spread).sum(axis=1)
+        information = (vectors * shrunk[..., None, :]) @ vectors.swapaxes(-1, -2)
+        linear = np.einsum("aij,...aj->...ai", vectors, turned / (kappa + variance * values))
+        level = -0.5 * np.log(spread).sum(axis=-1) - 0.5 * (turned**2 / spread).sum(axis=-1)
         return level, linear, information
 
     common, null = _Common(variance), parts(small)
@@ -204,29 +222,25 @@ def static_evidence(
     nothing = float(common.total(*sums))
     out = {}
     if "f" in scopes:
-        wider = [_Common(variance + s**2 * np.eye(m)) for s in scales]
-        each = np.array([float(one.total(*sums)) for one in wider])
+        wider = _Common(variance + scales[:, None, None] ** 2 * np.eye(m))
+        each = wider.total(*sums)
         evidence = float(log_sum(each)) - np.log(scales.size) - nothing
         best = float(scales[each.argmax()])
         out["f"] = Found(evidence, best, tuple(range(aircraft)), np.ones(aircraft))
     if "a" in scopes:
         able: Booleans = ~np.isin(np.arange(aircraft), having)
-        prior = number_prior(aircraft)[: able.sum() + 1]
-        made = [
-            _nested(common, null, parts(s**2 + small), add=np.zeros(aircraft), able=able)
-            for s in scales
-        ]
-        made += [
-            _alike(variance, null, parts((SPREAD * s) ** 2 + small), s, made[k][1], able)
-            for k, s in enumerate(scales)
-        ]
-        each = np.array([by_size + prior for by_size, _ in made]) - nothing
+        squared = scales[:, None, None] ** 2
+        apart, gain = _nested(common, null, parts(squared + small), add=np.zeros(1), able=able)
+        slab = parts(SPREAD**2 * squared + small)
+        alike, gain_alike = _alike(variance, null, slab, scales, gain, able)
+        each = np.concatenate([apart, alike]) + number_prior(aircraft) - nothing
         weight = np.exp(log_sum(each, axis=1) - log_sum(each, axis=None))
-        inclusion = sum(w * _inclusion(gain) for w, (_, gain) in zip(weight, made, strict=True))
-        evidence = float(log_sum(each, axis=None)) - np.log(len(made))
-        alike, k = divmod(int(np.unravel_index(each.argmax(), each.shape)[0]), scales.size)
+        gains = np.concatenate([gain, gain_alike])
+        inclusion = sum(w * _inclusion(one) for w, one in zip(weight, gains, strict=True))
+        evidence = float(log_sum(each, axis=None)) - np.log(len(each))
+        is_alike, k = divmod(int(np.unravel_index(each.argmax(), each.shape)[0]), scales.size)
         chosen = tuple(int(a) for a in np.flatnonzero(np.asarray(inclusion) > INCLUDED))
-        best, spread = float(scales[k]), SPREAD * alike
+        best, spread = float(scales[k]), SPREAD * is_alike
         out["a"] = Found(evidence, best, chosen, np.asarray(inclusion), spread)
     return out
 
@@ -371,14 +385,12 @@ def _dated(
         change -= 0.5 * (np.linalg.slogdet(s**2 * slab)[1] - np.linalg.slogdet(shape)[1])
         level, linear, rest = with_small(rest, linear)
         level = level + change
-        by_date = np.full(days, -np.inf)
-        gains: dict[int, Floats] = {}
-        for d in (int(k) for k in np.flatnonzero(able.any(axis=0))):
-            at = following[:, d]
-            picked = (level[rows, at], linear[rows, at], rest[rows, at])
-            nested, gain = _nested(common, null, picked, add=np.zeros(aircraft), able=at >= 0)
-            by_date[d] = log_sum(nested + prior[: nested.size])
-            gains[d] = gain
+        # (T, A): each aircraft changes on its next flying day
+        picked = (level[rows, following.T], linear[rows, following.T], rest[rows, following.T])
+        none = np.zeros(1)
+        nested, gains = _nested(common, null, picked, add=none, able=following.T >= 0)
+        by_date = log_sum(nested + prior, axis=1)
+        by_date[~able.any(axis=0)] = -np.inf
         shared.append(float(log_sum(by_date)) - np.log(days) - nothing)
         # dates of their own: each aircraft's best, with what the other dates add
         phi = common.mean(sums[1], sums[2])
@@ -388,16 +400,13 @@ def _dated(
             best = density.argmax(axis=1)
             each = np.full(aircraft, -np.inf)
             each[anywhere] = log_sum(density[anywhere], axis=1) - np.log(dates[anywhere])
-            inside = each > 0
             picked = (level[rows, best], linear[rows, best], rest[rows, best])
-            phi = common.mean(
-                np.where(inside[:, None], picked[1], null[1]).sum(axis=0),
-                np.where(inside[:, None, None], picked[2], null[2]).sum(axis=0),
-            )
+            _, phi_score, phi_information = _chosen(each > 0, picked, null)
+            phi = common.mean(phi_score, phi_information)
         several = np.zeros(aircraft)
         several[anywhere] = each[anywhere] - density[anywhere].max(axis=1)
         nested, gain = _nested(common, null, picked, add=several, able=anywhere)
-        separate.append(float(log_sum(nested + prior[: nested.size])) - nothing)
+        separate.append(float(log_sum(nested + prior)) - nothing)
         kept.append((by_date, gains, best, gain))
     evidence = float(np.logaddexp(log_sum(separate), log_sum(shared))) - np.log(2 * SCALES.size)
     if max(shared) >= max(separate):

@@ -263,8 +263,7 @@ def _as_simple(one: Term, other: Term) -> bool:
 
 def _exactly(model: Model, terms: Sequence[Term], term: Term) -> Term:
     """A term with its exact evidence given others and its log prior as score."""
-    gain = model.evidence([*terms, term], model.kappa) - model.evidence(terms, model.kappa)
-    return term.with_score(gain + term.group.prior + set_prior(model, term))
+    return term.with_score(model.gain(terms, term) + term.group.prior + set_prior(model, term))
 
 
 def _weight(best: Term, others: Sequence[Term]) -> float:

@@ -89,6 +89,8 @@ class Sums:
             (self.A, self.D, self.fields.shape[1], self.rows.shape[1]), np.float32
         )
         self.width = 0
+        # first column that each extension built
+        self.extended_from: list[int] = []
         self._grams: dict[tuple[int, int], tuple[Floats, Floats]] = {}
         self._own: dict[int, tuple[Group, Floats, Floats]] = {}
         self.extend()
@@ -107,6 +109,7 @@ class Sums:
         pending = self.candidates.pending()
         # columns of groups that were forgotten are overwritten
         first = min([self.width, *(where.start for where in pending)])
+        self.extended_from.append(first)
         self._grams = {key: made for key, made in self._grams.items() if key[1] <= first}
         self._own = {key: own for key, own in self._own.items() if own[0].columns.stop <= first}
         for where in pending:

@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, solve_triangular
 from scipy.special import gammaln
 
 from airswing.gap.arrays import Floats, Integers, Singles
@@ -154,6 +154,28 @@ class Columns:
         self.score = np.zeros(self.width)
         for a, (at, values) in self.rows.items():
             self.score[at] += values.T @ sums.inverse_residual[sums.rows_of(a)]
+        self._cross = np.zeros((self.width, 0), np.float32)
+        self._cross_by_aircraft = {
+            a: np.zeros((at.size, 0), np.float32) for a, (at, _) in self.rows.items()
+        }
+        self._extensions = len(sums.extended_from)
+
+    def with_candidates(self) -> tuple[Singles, dict[int, Singles]]:
+        """X' V^-1 Z with the columns Z of all candidates, (k, p): of all aircraft, and of each."""
+        sums = self.sums
+        known = min([self._cross.shape[1], *sums.extended_from[self._extensions :]])
+        self._extensions = len(sums.extended_from)
+        new = slice(known, sums.width)
+        shared = self.shared.astype(np.float32).reshape(-1, self.width)
+        cross = -shared.T @ sums.shared[..., new].sum(axis=0).reshape(shared.shape[0], -1)
+        for a, (at, values) in self.rows.items():
+            plain = values.T @ sums.rows[sums.rows_of(a), new]
+            cross[at] += plain
+            plain -= shared[:, at].T @ sums.shared[a, ..., new].reshape(shared.shape[0], -1)
+            old = self._cross_by_aircraft[a][:, :known]
+            self._cross_by_aircraft[a] = np.concatenate([old, plain], axis=1)
+        self._cross = np.concatenate([self._cross[:, :known], cross], axis=1)
+        return self._cross, self._cross_by_aircraft
 
     def product(self, other: Columns) -> Floats:
         """X' V^-1 Y with the columns of another term."""
@@ -224,6 +246,7 @@ class Model:
         self._products: dict[tuple[object, object], Floats] = {}
         self.kappa = 1.0
         self.usual: dict[str, tuple[float, float]] = {}
+        self._factored: tuple[tuple[object, ...], Floats, Floats] = ((), np.eye(0), np.eye(0))
         self._residual = sums.residual
         self.condition([])
 
@@ -237,6 +260,7 @@ class Model:
             self.sums.residual = residual
             self.sums.inverse_residual = self.sums.invert(residual)
             self._made = {}
+            self._factored = ((), np.eye(0), np.eye(0))
 
     def columns(self, term: Term) -> Columns:
         """Columns of a term, kept while it is in the model."""
@@ -266,6 +290,24 @@ class Model:
     def evidence(self, terms: Sequence[Term], kappa: float) -> float:
         """Log marginal likelihood of terms with noise variance kappa, up to a constant."""
         return log_evidence(*self.system(terms), kappa)
+
+    def gain(self, terms: Sequence[Term], term: Term) -> float:
+        """Log marginal likelihood of terms with one more, less that without it.
+
+        By the Schur complement of the terms in H.
+        """
+        key = (*terms, self.kappa)
+        if key != self._factored[0]:
+            gram, score, precision = self.system(terms)
+            root = np.asarray(np.linalg.cholesky(gram / self.kappa + precision), np.float64)
+            solved = solve_triangular(root, score / self.kappa, lower=True)
+            self._factored = key, root, np.asarray(solved, np.float64)
+        _, root, solved = self._factored
+        cross = np.concatenate([self._product(x, term) for x in (self.base, *terms)]) / self.kappa
+        known = solve_triangular(root, cross, lower=True)
+        gram = self._product(term, term) / self.kappa - known.T @ known
+        score = self.columns(term).score / self.kappa - known.T @ solved
+        return log_evidence(gram, score, term.precision, 1.0)
 
     def condition(self, terms: Sequence[Term]) -> None:
         """Fit terms, and take the candidates' statistics given them.
@@ -312,13 +354,10 @@ class Model:
         self.theta: Floats = np.asarray(np.linalg.solve(self.hessian, score), np.float64)
         made = [self.columns(x) for x in every]
         self.offsets = np.cumsum([0] + [one.width for one in made])
-        p = sums.width
         self.term_shared = np.concatenate([one.shared for one in made], axis=2)
         inverse = np.linalg.inv(self.hessian)
         fitted = np.zeros(2 * sums.n, np.float32)
-        cross = -np.einsum(
-            "dqi,dqp->ip", self.term_shared, sums.shared[..., :p].sum(axis=0), optimize=True
-        )
+        crossed = [one.with_candidates() for one in made]
         self.parts, explained = [], []
         for a in range(sums.A):
             span = sums.rows_of(a)
@@ -327,16 +366,13 @@ class Model:
             rows = np.concatenate([values for _, (_, values) in held], axis=1)
             part = Part(at, rows, np.linalg.cholesky(inverse[np.ix_(at, at)]).T)
             fitted[span] = rows @ self.theta[at].astype(np.float32)
-            plain = rows.T @ sums.rows[span, :p]
-            cross[at] += plain
-            common = self.term_shared[..., at].astype(np.float32).reshape(-1, at.size)
-            known = plain - common.T @ sums.shared[a, :, :, :p].reshape(-1, p)
             self.parts.append(part)
-            explained.append(part.root @ known)
+            explained.append(part.root @ np.concatenate([crossed[k][1][a] for k, _ in held]))
         self.left = sums.inverse_residual - sums.invert(fitted)
         self.day_score = sums.scores(self.left)
         most = max(one.shape[0] for one in explained)
         self.explained = np.stack([np.pad(x, ((0, most - len(x)), (0, 0))) for x in explained])
+        cross = np.concatenate([of_all for of_all, _ in crossed])
         self.fleet_explained = np.linalg.solve(np.linalg.cholesky(self.hessian), cross)
         self.release(terms)
 
@@ -449,8 +485,8 @@ def cluster_factor(
     by_day = np.add.reduceat(by_day, cuts, axis=1)
     whole = by_day.sum(axis=1)
     turned = np.linalg.solve(whole + ridge, by_day.swapaxes(0, 1)).swapaxes(0, 1)
-    product = np.einsum("aij,ajk->aik", inverse, whole)
-    taken = np.einsum("aij,adjk,adki->a", product, turned, turned, optimize=True)
+    product = inverse @ whole
+    taken = ((product[:, None] @ turned) * turned.swapaxes(-1, -2)).sum(axis=(1, 2, 3))
     free = np.trace(product, axis1=1, axis2=2)
-    squared = np.einsum("adi,aij,adj->a", score, inverse, score, optimize=True)
+    squared = ((score @ inverse) * score).sum(axis=(1, 2))
     return np.asarray(squared / np.maximum(free - taken, 0.2 * free + 1e-12))
