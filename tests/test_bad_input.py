@@ -67,7 +67,7 @@ TABLES = {
     ),
     "no overlap in time": (
         lambda t: t.assign(time=t["time"].str.replace("2009", "2013")),
-        ("no overlap in time", "2013-02-27", "2009-03-01", "references.model"),
+        ("outside its times", "2013-02-27", "2009-03-01", "references.model"),
     ),
     "all rolled": (lambda t: t.assign(roll_flag="B"), ("screening", "roll 648", "648 reports")),
     "one report": (lambda t: t.iloc[:1], ("no_ground_vector 1",)),

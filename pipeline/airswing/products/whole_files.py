@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import glob
 import hashlib
 import json
 import math
@@ -163,24 +162,14 @@ def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
     """Return the error for a path or pattern of a key (`field`) that names no file."""
     text = os.fspath(pattern)
     folder = Path(text)
-    above = next(path for path in (folder, *folder.parents) if not glob.has_magic(str(path)))
-    try:
-        os.scandir(above).close()
-    except PermissionError:
-        return InputError(
-            "the folder may not be read: permission denied",
-            # the last accessible path where a folder may be listed but not entered
-            file=next(path for path in (above, *above.parents) if os.path.exists(path)),
-            field=field,
-            found=f"pattern {text!r}",
-            remedy="Its owner can let you list and enter it",
-        )
-    except OSError:  # absent, or a file
-        pass
-    what = "no file found"
-    remedy = "Check the pattern; relative paths start at the current directory"
-    if folder.is_dir():
-        first = next((path for path in sorted(folder.rglob("*")) if path.is_file()), folder / "*")
+    what = "no file found that may be read"
+    remedy = (
+        "Check the pattern and the permissions of its folders; relative paths start at the current "
+        "directory"
+    )
+    if os.path.isdir(folder):  # False where a folder above may not be entered
+        every = sorted(folder.rglob("*"))
+        first = next((path for path in every if os.path.isfile(path)), folder / "*")
         below = folder if first.parent == folder else folder / "**"
         what, remedy = "is a folder", f"Name the files in it, such as {below}/*{first.suffix}"
     return InputError(

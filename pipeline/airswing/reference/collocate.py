@@ -40,7 +40,7 @@ DERIVATIVES = (
     "grid_convergence",
 )
 """Names of the optional derivative variables."""
-ACCOUNT = ("unread_messages", "decoded_messages", "decoded_bytes", "decoding_seconds")
+ACCOUNT = ("unread_messages", "decoded_messages")
 """Names of the counts of reading a reference; the first is part of every result."""
 PROBLEMS = "problems"  # unreadable content by reference: sets of (valid time, file, reason)
 _LOG = logging.getLogger("airswing.reference")
@@ -111,7 +111,7 @@ class Batch(NamedTuple):
 
     tables: list[Floats]
     problems: tuple[tuple[str, str], ...]  # file and reason of unreadable content
-    account: Floats  # as `ACCOUNT`
+    account: Ints  # as `ACCOUNT`
 
 
 def collocate(
@@ -142,8 +142,7 @@ def collocate(
         Read simply packed messages at single points; otherwise decode every message whole. The
         results are identical.
     account : bool
-        Also give `decoded_messages`, `decoded_bytes` and `decoding_seconds` by reference, and
-        `PROBLEMS`.
+        Also give `decoded_messages` by reference, and `PROBLEMS`.
 
     Returns
     -------
@@ -192,8 +191,7 @@ def collocate(
         for number, name in enumerate([*_WINDS, *(DERIVATIVES if derivatives else ())])
     }
     for number, name in enumerate(ACCOUNT if account else ACCOUNT[:1]):
-        dtype = "f8" if name == "decoding_seconds" else "i8"
-        data[name] = ("reference", rows(1, number, "f8").astype(dtype))
+        data[name] = ("reference", rows(1, number, "i8"))
     coords = {"reference": ("reference", pd.Index(list(models), dtype=object))}
     found = describe(xr.Dataset(data, coords=coords))
     if account:
@@ -285,7 +283,7 @@ def sample_model_times(
     finally:
         reader.close()
     unread = len(reader.problems) * len(work)  # each model time lacks it
-    account = np.array([unread, reader.decoded, reader.n_bytes, reader.seconds])
+    account = np.array([unread, reader.decoded])
     return Batch(tables, tuple(reader.problems), account)
 
 
@@ -297,11 +295,11 @@ def _join(
     valid: Ints,
     leads: Ints,
     derivatives: bool,
-) -> tuple[Floats, Floats, list[NDArray[np.object_]]]:
+) -> tuple[Floats, Ints, list[NDArray[np.object_]]]:
     """Join samples in time: columns by report, `ACCOUNT`, and unreadable content."""
     first = np.full((9 if derivatives else 2, times.earlier.size), np.nan)
     second = first.copy()
-    account, problems = np.zeros(len(ACCOUNT)), set()
+    account, problems = np.zeros(len(ACCOUNT), dtype=np.int64), set()
     for batch, numbers in zip(samples, batches, strict=True):
         for number, table in zip(numbers.tolist(), batch.tables, strict=True):
             run = slice(int(times.start[number]), int(times.stop[number]))
@@ -338,10 +336,9 @@ def overlap(
     """Count the reports with model winds, without decoding.
 
     Reports, catalogues and `max_time_gap` (s) as for :func:`collocate`. Of each reference
-    ``reports``, those ``matched``, and the others by the first reason that applies
-    (``without_time``, ``outside_grid``, ``outside_levels``); first and last time of both
-    (``report_times``, ``model_span``); south, north, west and east of both (``report_box``,
-    ``model_box``, degrees); highest and lowest pressure level (``model_levels``, hPa).
+    ``reports``, those ``matched``, the others by the first reason that applies (``without_time``,
+    ``outside_grid``, ``outside_levels``), and as text the times, places and pressures of both
+    (``report_extent``, ``model_extent``).
     """
     _require_columns(reports)
     points = _points(*(reports[name].values for name in COLUMNS))
@@ -363,11 +360,8 @@ def _overlap(model: Catalogue, points: Points, max_time_gap: float) -> dict[str,
         low, high = levels[[0, -1]] if model.is_isobaric(number) else (-np.inf, np.inf)
         placed[mine] = grid.contains(latitude[mine], longitude[mine])
         between[mine] = (points.pressure[mine] >= low) & (points.pressure[mine] <= high)
-    known = np.isfinite(latitude) & np.isfinite(longitude)
     isobaric = np.repeat(model.profiles["level_kind"] == ISOBARIC, np.diff(model.bounds))
-    levels = model.rows["level"][0, isobaric] / 100.0
     outlines = np.array([model.grids[int(n)].outline() for n in np.unique(model.profiles["grid"])])
-    ends = outlines.min(axis=0)[[0, 2]], outlines.max(axis=0)[[1, 3]]
     matched = int((placed & between).sum())
     return {
         "reports": points.size,
@@ -375,57 +369,39 @@ def _overlap(model: Catalogue, points: Points, max_time_gap: float) -> dict[str,
         "without_time": points.size - int(timed.sum()),
         "outside_grid": int((timed & ~placed).sum()),
         "outside_levels": int(placed.sum()) - matched,
-        "report_times": _span(points.time),
-        "model_span": _span(model.valid),
-        "report_box": [
-            round(float(limit(place[known])), 2) if known.any() else np.nan
-            for place in (latitude, longitude)
-            for limit in (np.min, np.max)
-        ],
-        "model_box": np.column_stack(ends).ravel().round(2).tolist(),
-        "model_levels": [float(levels.min()), float(levels.max())] if levels.size else [],
+        "report_extent": _extent(points.time, latitude, longitude, points.pressure),
+        "model_extent": _extent(
+            model.valid, outlines[:, :2], outlines[:, 2:], model.rows["level"][0, isobaric]
+        ),
     }
 
 
-def _span(time: Ints) -> tuple[str, str]:
-    if time.size == 0:
-        return ("", "")
-    ends = time[[0, -1]].astype("datetime64[ns]").astype("datetime64[m]")
-    return (f"{ends[0]}Z", f"{ends[1]}Z")
+def _extent(time: Ints, latitude: Floats, longitude: Floats, pressure: Floats) -> str:
+    """Ranges of increasing times, of places (degrees) and of pressures (Pa), as text."""
+    ends = time[[0, -1]].astype("datetime64[ns]").astype("datetime64[m]") if time.size else []
+    ranges = [" to ".join(f"{end}Z" for end in ends)]
+    for name, values, unit in (
+        ("latitude ", latitude, ""),
+        ("longitude ", longitude, ""),
+        ("", pressure / 100.0, " hPa"),
+    ):
+        known = values[np.isfinite(values)]
+        if known.size:
+            ranges.append(f"{name}{known.min():.5g} to {known.max():.5g}{unit}")
+    return ", ".join(ranges)
 
 
 def require_overlap(overlaps: Mapping[str, Mapping[str, Any]]) -> None:
-    """Refuse references without winds for any report, stating times, places or levels of both."""
+    """Refuse references without winds for any report, stating times, places and levels of both."""
     for name, one in overlaps.items():
         if one["matched"]:
             continue
-        if one["without_time"] == one["reports"]:  # the spans are apart, or the gaps too wide
-            reports, model = one["report_times"], one["model_span"]
-            if reports[1] < model[0] or model[1] < reports[0] or not all((*reports, *model)):
-                what = "no overlap in time between reports and model winds"
-            elif model[0] == model[1]:
-                what = (
-                    "the model has a single valid time; a report needs one before and one after it"
-                )
-            else:
-                what = "no report lies between two model times that are close enough together"
-            found = f"reports {' to '.join(reports)}, model {' to '.join(model)}"
-            remedy = "Two valid times around a report may be at most max_time_gap apart"
-        elif one["outside_levels"] == 0:
-            what, remedy = "no overlap in space between reports and model winds", ""
-            box = "{} latitude {:g} to {:g}, longitude {:g} to {:g}".format
-            found = ", ".join(
-                box(whose, *one[key])
-                for whose, key in (("reports", "report_box"), ("model", "model_box"))
-            )
-        else:
-            what = "no report lies between the model's levels"
-            levels = list(dict.fromkeys(one["model_levels"]))
-            found = (
-                f"{one['outside_levels']} reports above the highest or below the lowest level "
-                f"({' to '.join(f'{level:g}' for level in levels)} hPa)"
-            )
-            remedy = "Winds are interpolated between levels: two are needed"
-            if len(levels) > 1:
-                remedy = "Check the unit of the reports' altitude or pressure column, and of levels"
-        raise InputError(what, field=f"references.{name}", found=found, remedy=remedy or None)
+        raise InputError(
+            "no report lies within the model winds",
+            field=f"references.{name}",
+            found=f"of {one['reports']:,} reports {one['without_time']:,} outside its times, "
+            f"{one['outside_grid']:,} outside its grid, {one['outside_levels']:,} outside its "
+            f"levels; reports {one['report_extent']}; model {one['model_extent']}",
+            remedy="A report needs a valid time before and after it, at most max_time_gap apart, "
+            "and a level above and below it; check the units of position, altitude and levels",
+        )

@@ -124,8 +124,7 @@ class Reader:
 
     def __init__(self) -> None:
         self.problems: dict[tuple[str, str], None] = {}  # file and reason, noted once
-        self.decoded = self.n_bytes = 0
-        self.seconds = 0.0
+        self.decoded = 0
         self._opened: dict[SourceFile, Any] = {}
 
     def open(self, file: SourceFile, opener: Callable[[SourceFile], Any]) -> Any:

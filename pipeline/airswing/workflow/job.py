@@ -151,10 +151,9 @@ def resources(compute: Compute, progress: Progress) -> Iterator[None]:
     workers = 1 if compute.workers == "auto" else compute.workers
     cores = os.cpu_count() or 1
     threads = max(1, cores // workers) if compute.threads == "auto" else compute.threads
-    progress.threads = workers * threads
     kind = "threads" if workers == 1 else "processes"
     try:
-        with dask.config.set(scheduler=kind, num_workers=progress.threads):
+        with dask.config.set(scheduler=kind, num_workers=workers * threads):
             yield
     except BrokenProcessPool as err:
         raise InputError(
@@ -193,7 +192,6 @@ def _at_address(address: str, progress: Progress) -> Iterator[None]:
     try:
         with client:
             require_same_code(client)
-            progress.threads = sum(client.nthreads().values()) or 1
             progress.say(f"dask dashboard: {client.dashboard_link}")
             if not client.nthreads():
                 progress.say("the dask scheduler has no workers yet: waiting for them")

@@ -156,8 +156,6 @@ def run_job(job: Job) -> Results:
                 apart=apart,
             )
             stage.note = str(page)
-    job.progress.say(job.progress.accounts_text())
-    summary["accounts"] = job.progress.accounts()
     return Results(job.output, headings, fits, corrected, evaluation, summary)
 
 

@@ -56,7 +56,6 @@ def make_headings(job: Job) -> xr.Dataset:
         archive = ReportArchive(job)
         number = len(archive.files)
         stage.note = f"{archive.count:,} reports in {number:,} file{'s' * (number != 1)}"
-        stage.bytes_read = archive.bytes_read
     for warning in reading_warnings(archive.audit.as_dict()):
         job.progress.say(f"  {warning}")
     models, config = catalogues(job), job.config
@@ -112,7 +111,6 @@ class ReportArchive:
     def __init__(self, job: Job) -> None:
         self._asked = job.config.reports
         self._frames: dict[str, pd.DataFrame] = {}
-        self.bytes_read = 0
         key = fingerprint(self._asked.model_dump(exclude={"files"}), code_digest())
         note = read_note(job.notes / "reports.json")
         noted = note["files"] if note.get("key") == key else {}
@@ -125,7 +123,6 @@ class ReportArchive:
                 audit, frame = self._read(name).as_dict(), self._frames[name]
                 found = {"identity": identity, "audit": audit, "days": _days_of(frame)}
                 found["tails"] = frame["tail"].unique().tolist()
-                self.bytes_read += status.st_size
             return (name, found), Audit.from_dict(found["audit"])
 
         asked = self._asked
@@ -352,8 +349,7 @@ class _Month:
                 "kept_reports": kept,
                 "screened_out": json.dumps(counts.to_dict()),
             }
-            stage.reports = headings.sizes["report"]
-            stage.note = f"{kept:,} of {stage.reports:,} reports kept"
+            stage.note = f"{kept:,} of {headings.sizes['report']:,} reports kept"
             self._note_path.unlink(missing_ok=True)
             title = "Heading errors of aircraft reports against model winds"
             self.job.write(headings, f"{HEADINGS}/{self.name}.nc", title=title)
@@ -402,10 +398,6 @@ class _Month:
                 sparse=asked.sparse,
                 derivatives=True,
             ).compute()
-            stage.messages = int(winds["decoded_messages"].sum())
-            stage.bytes_read = int(winds["decoded_bytes"].sum())
-            stage.decoding = float(winds["decoding_seconds"].sum())
-            stage.reports = max(one["matched"] for one in overlaps.values())
             matched = ", ".join(f"{name} {one['matched']:,}" for name, one in overlaps.items())
             stage.note = f"reports within the model: {matched}"
         problems = dict(zip(models, winds[PROBLEMS].to_numpy(), strict=True))

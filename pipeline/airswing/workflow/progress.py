@@ -1,4 +1,4 @@
-"""Progress, messages and accounts on standard error; only results go to standard output.
+"""Progress and messages on standard error; only results go to standard output.
 
 Assumes one run at a time in a process. Quiet mode prints errors only.
 """
@@ -10,8 +10,8 @@ import ctypes
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sized
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from dask.callbacks import Callback
 
@@ -21,31 +21,22 @@ if TYPE_CHECKING:
 
 @dataclass
 class StageRecord:
-    """Work and cost of one stage."""
+    """One stage while it runs."""
 
     name: str
-    seconds: float = 0.0  # wall time
     note: str = ""  # result in a few words
-    bytes_read: int = 0
-    messages: int = 0  # decoded
-    reports: int = 0  # matched or handled
-    decoding: float = 0.0  # time spent reading and decoding messages, summed over threads, s
-
-    def __post_init__(self) -> None:
-        self.title = self.name  # shown at the bar
+    phase: str = ""  # current part, shown at the bar
 
     def enter(self, phase: str) -> None:
         """Show the current part of the stage."""
-        self.title = f"{self.name}: {phase}"
+        self.phase = f": {phase}"
 
 
 @dataclass
 class Progress:
-    """Shows the progress of the work, and records the cost of each stage."""
+    """Shows the progress of the work, and the time and result of each stage."""
 
     quiet: bool = False
-    records: list[StageRecord] = field(default_factory=list)  # of the finished stages
-    threads: int = 1  # working at a time, on all workers
 
     def say(self, text: str) -> None:
         """Print one line to standard error, unless quiet."""
@@ -56,40 +47,14 @@ class Progress:
     def stage(self, name: str) -> Iterator[StageRecord]:
         """Time a stage, with a bar that follows the dask tasks run inside it.
 
-        The block sets the ``note`` of the record to its result, and its counts.
+        The block sets the ``note`` of the record to its result.
         """
         record, began = StageRecord(name), time.perf_counter()
         with self._bar(record):
             yield record
-        record.seconds = time.perf_counter() - began
+        seconds = time.perf_counter() - began
         _release_memory()
-        self.records.append(record)
-        self.say(f"{name:<18} {record.seconds:7.1f} s  {record.note}")
-
-    def accounts(self) -> dict[str, Any]:
-        """Cost of the run so far, times in seconds.
-
-        ``decoding_seconds`` are summed over threads, ``decoding_share`` is of the time these had;
-        ``stages`` has the records.
-        """
-        seconds = sum(record.seconds for record in self.records)
-        decoding = sum(record.decoding for record in self.records)
-        return {
-            "seconds": seconds,
-            "threads": self.threads,
-            "decoding_seconds": decoding,
-            "decoding_share": decoding / (seconds * self.threads) if seconds else 0.0,
-            "stages": [asdict(record) for record in self.records],
-        }
-
-    def accounts_text(self) -> str:
-        """The accounts of all stages together, in a line like that of a stage."""
-        found = self.accounts()
-        return (
-            f"{'together':<18} {found['seconds']:7.1f} s  decoding "
-            f"{found['decoding_seconds']:,.1f} s on {self.threads} threads: "
-            f"{found['decoding_share']:.1%} of the wall time"
-        )
+        self.say(f"{name:<18} {seconds:7.1f} s  {record.note}")
 
     @contextlib.contextmanager
     def _bar(self, record: StageRecord) -> Iterator[None]:
@@ -100,7 +65,8 @@ class Progress:
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
         from rich.progress import Progress as Bar
 
-        title = TextColumn("{task.fields[record].title:<18}")  # newly formatted at each refresh
+        # newly formatted at each refresh
+        title = TextColumn("{task.fields[record].name}{task.fields[record].phase}")
         columns = (title, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         with Bar(*columns, console=console, transient=True) as bar:
             number = bar.add_task(record.name, total=None, record=record)

@@ -122,7 +122,6 @@ def make_corrected(
                 corrected = correct(month, fitted, reference=job.reference, method=method)
                 name, sources = f"{CORRECTED}/{path.name}", (month, fitted)
                 job.write(corrected, name, title=title, sources=sources)
-                stage.reports += month.sizes["report"]
         for path in (job.output / CORRECTED).glob("*.nc"):
             if path.name not in {month.name for month in months}:
                 path.unlink()

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import time
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -63,7 +62,6 @@ class GribReader(Reader):
         found: list[Floats] = [np.full(points.shape, np.nan) for _, points in wanted]
         results: dict[int, Floats | str] = {}  # by number of a field: values or a reason
         jobs: dict[int, Job] = {}
-        began = time.perf_counter()
         for number, (row, points) in enumerate(wanted):
             file = model.files[int(row["file"])]
             descriptor = self.open(file, lambda f: os.open(local_path(f.path), os.O_RDONLY))
@@ -87,7 +85,6 @@ class GribReader(Reader):
                 problem = values
             else:
                 self.decoded += 1
-                self.n_bytes += int(row["length"])
                 one, probed = values[: points.size], values[points.size :]
                 problem = ""
                 if probed.size:  # otherwise its header allows only possible values
@@ -102,7 +99,6 @@ class GribReader(Reader):
             if problem:
                 at = f"message at {int(row['offset'])}: {problem}"
                 self.problems[model.files[int(row["file"])].path, at] = None
-        self.seconds += time.perf_counter() - began
         return found
 
 

@@ -15,7 +15,6 @@ import contextlib
 import logging
 import os
 import re
-import time
 import warnings
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -335,7 +334,6 @@ class DatasetReader(Reader):
                     pieces[chunk].append(_Piece(at, seen[key]))
                 mine.append((row, stored, seen[key]))
             answers.append(mine)
-        began = time.perf_counter()
         for (file, part, stored, _), together in pieces.items():
             if engine == GIVEN:
                 datasets = [self.given[file.path]]
@@ -347,19 +345,18 @@ class DatasetReader(Reader):
                 continue
             for name in stored.names:
                 try:
-                    self.n_bytes += _add(datasets[part].variables[name], stored, together)
+                    _add(datasets[part].variables[name], stored, together)
                     self.decoded += 1
                 except Exception as error:  # backends raise many kinds
                     reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
                     self.problems[file.path, f"{name}: cannot be read: {reason}"] = None
                     for piece in together:
                         piece.target[...] = np.nan
-        self.seconds += time.perf_counter() - began
         return [[_in_si(*one) for one in mine] for mine in answers]
 
 
-def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> int:
-    """Read the box around all pieces and add their values to the targets; bytes read."""
+def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> None:
+    """Read the box around all pieces and add their values to the targets."""
     staggered = {"x": stored.x, "y": stored.y}.get(stored.stagger)
     box = {d: slice(0, size) for d, size in zip(stored.dims, stored.shape, strict=True)}
     for dim in pieces[0].at:
@@ -388,7 +385,6 @@ def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> in
         if staggered:  # points lie between: the mean of the two neighbours
             found = 0.5 * found + 0.5 * taken(piece, 1)
         piece.target[...] += found
-    return values.size * values.dtype.itemsize
 
 
 def _in_si(row: np.void, stored: StoredField, values: Floats) -> Floats:
