@@ -82,7 +82,7 @@ def test_a_message_is_skipped_or_used_never_both(hostile, name, reason):
     contents = scan_file(str(hostile(name)))
     assert len(contents.fields) == 5
     assert contents.skipped["message", reason] == 1
-    assert inspect_file(hostile(name))["packings"] == {"GRIB2 simple": 5}
+    assert reason in [entry["reason"] for entry in inspect_file(hostile(name))["skipped"]]
 
 
 def test_a_png_stream_of_another_depth(hostile, tmp_path):

@@ -180,10 +180,10 @@ def _gridded(path, folder, pick):
 
 
 def _grib(path, folder, pick):
-    from airswing.reference.inspection import inspect_grib
+    from airswing.reference.inspection import inspect_winds
 
     with contextlib.suppress(AirswingError):
-        inspect_grib(path)
+        inspect_winds(str(path))
     _require_possible(*_winds(path, folder / "cache", **_drawn(pick)))
 
 

@@ -38,8 +38,9 @@ from airswing.reference.files import (
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.headers import FIELD_DTYPE, FileContents, contents_of, off_levels
 from airswing.reference.grib.values import GribReader, probes_of
-from airswing.reference.gridded.datasets import ENGINES, DatasetReader, engine_of, opened
+from airswing.reference.gridded.datasets import ENGINES, DatasetReader, opened
 from airswing.reference.gridded.fields import Gathering
+from airswing.reference.gridded.wrf import is_wrf
 from airswing.reference.grids import Floats, Grid
 from airswing.reference.winds import (
     GIVEN,
@@ -268,21 +269,22 @@ def build_catalogue(
 
 def _engine(sources: Sequence[SourceFile], where: str) -> str:
     """The engine of all files; damaged ones are reported by the reader."""
-    kinds: dict[str, str] = {}
+    kinds: dict[str, SourceFile] = {}
     for source in sources:
         with contextlib.suppress(OSError, InputError):
-            kinds.setdefault(kind_of(source.path), source.path)
+            kinds.setdefault(kind_of(source.path), source)
     kinds.pop("", None)
     if len(kinds) > 1:
         raise InputError(
             "files of several kinds under one reference",
             field=f"{where}.files",
-            found="; ".join(f"{kind}: {path}" for kind, path in sorted(kinds.items())),
+            found="; ".join(f"{kind}: {kinds[kind].path}" for kind in sorted(kinds)),
             remedy="Give each kind a reference of its own, or narrow the pattern",
         )
     # damaged content is counted and named by the scanner
     kind = next(iter(kinds), "grib")
-    return engine_of(kinds[kind]) if kind == "netcdf" else kind
+    is_netcdf_of_wrf = kind == "netcdf" and is_wrf(opened(kinds[kind], "netcdf")[0])
+    return "wrf" if is_netcdf_of_wrf else kind
 
 
 def catalogues_of(references: object) -> dict[str, Catalogue]:

@@ -13,7 +13,6 @@ import gzip
 import hashlib
 import lzma
 import os
-import re
 import shutil
 import tempfile
 import urllib.request
@@ -24,6 +23,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple, TypedDict
 
 from airswing.errors import InputError
+from airswing.products.foreign_files import foreign_file
 from airswing.products.whole_files import ZARR_MARKS, none_found
 
 NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"
@@ -35,31 +35,6 @@ _COMPRESSED: tuple[tuple[bytes, Callable[[Any], Any]], ...] = (
     (b"BZh", bz2.open),
     (b"\xfd7zXZ", lzma.open),
 )
-_FAILED = "The download failed: fetch the file again"
-_BLANK = b" \r\n\t\xef\xbb\xbf"
-#: First bytes (lower case) of files without winds or reports, and the remedy.
-_UNREADABLE = (
-    (b"pk\x03\x04", "is a zip archive", "Unpack it first: unzip FILE"),
-    (b"<!doctype html", "is a page of HTML", _FAILED),
-    (b"<html", "is a page of HTML", _FAILED),
-    (b"<?xml", "is an XML document", _FAILED),
-    (b"<error", "is an XML document", _FAILED),
-    (b"version https://git-lfs", "is a Git LFS pointer", "Fetch its content with git lfs pull"),
-    (b"\x28\xb5\x2f\xfd", "is compressed with zstandard", "Decompress it first: unzstd FILE"),
-    (b"rar!", "is a RAR archive", "Unpack it first"),
-    (b"7z\xbc\xaf", "is a 7-Zip archive", "Unpack it first"),
-    (b"\x0e\x03\x13\x01", "is HDF4", "Convert it to NetCDF first"),
-    (b"%pdf", "is a PDF document", "Give GRIB, NetCDF or Zarr"),
-)
-#: The same of files that may hold reports.
-_REPORTS = (
-    (b"bufr", "is BUFR", "BUFR holds reports: give it under reports"),
-    (b"par1", "is Parquet", "Parquet holds reports: give it under reports"),
-    (b"{", "is JSON", "Open a kerchunk reference with xarray and give the Dataset"),
-    (b"[", "is JSON", "Give GRIB, NetCDF or Zarr"),
-)
-#: First line of ICARTT files (ESDS-RFC-029): number of header lines and file format index.
-_ICARTT = re.compile(rb"\d+\s*,\s*(1001|2110|2310)\b")
 
 
 class SourceFile(NamedTuple):
@@ -216,9 +191,12 @@ def identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:
     for path in paths:
         try:
             if not (os.path.isdir(path) or _is_zarr(path)):
-                refusal = unreadable(path, first_bytes(path), reports=False)
-                if refusal is not None:
+                start = first_bytes(path)
+                if (refusal := foreign_file(path, start, "winds")) is not None:
                     raise refusal
+                if start.isascii() and b"\0" not in start and b"GRIB" not in start:
+                    remedy = "Model winds come as GRIB, NetCDF or Zarr"
+                    raise InputError("is text, not model data", file=path, remedy=remedy)
             sources.append(identify(path))
         except InputError as error:
             refused.append(error)
@@ -228,30 +206,6 @@ def identified(paths: Sequence[str], skipped: Skipped) -> list[SourceFile]:
     if refused and not sources:
         raise refused[0]
     return sources
-
-
-def unreadable(path: str, content: bytes, *, reports: bool = True) -> InputError | None:
-    """The error for a file whose first bytes show neither winds nor reports, else None.
-
-    Without `reports` also for a file that may hold reports.
-    """
-    start = content.lstrip(_BLANK).lower()
-    for magic, what, remedy in _UNREADABLE if reports else _UNREADABLE + _REPORTS:
-        if start.startswith(magic):
-            remedy = remedy.replace("FILE", os.path.basename(path))
-            return InputError(what, file=path, remedy=remedy)
-    if content[257:262] == b"ustar":
-        return InputError("is a tar archive", file=path, remedy="Unpack it first with tar -xf")
-    if not content and not is_url(path) and not os.path.getsize(path):
-        return InputError("is empty", file=path, remedy=_FAILED)
-    if reports:
-        return None
-    if _ICARTT.match(start):
-        remedy = "Model winds come as GRIB, NetCDF or Zarr; measurements go under reports"
-        return InputError("is ICARTT, measurements of an aircraft", file=path, remedy=remedy)
-    if start and start.isascii() and b"\0" not in start and b"grib" not in start:
-        return InputError("is text, not model data", file=path, remedy="Give GRIB, NetCDF or Zarr")
-    return None
 
 
 def _open(path: str) -> IO[bytes]:
@@ -268,7 +222,7 @@ def _open(path: str) -> IO[bytes]:
 
 
 def first_bytes(path: str, length: int = 1024) -> bytes:
-    """First bytes of a file or a URL, decompressed; empty if they are damaged."""
+    """First bytes of a file or a URL, decompressed unless they are damaged."""
     with _open(path) as file:
         start = file.read(length)
     opener = _opener(start)
@@ -278,7 +232,7 @@ def first_bytes(path: str, length: int = 1024) -> bytes:
         with _open(path) as file, opener(file) as content:
             return bytes(content.read(length))
     except (OSError, EOFError, ValueError, lzma.LZMAError, zlib.error):
-        return b""
+        return start
 
 
 def _opener(start: bytes) -> Callable[[Any], Any] | None:

@@ -5,10 +5,8 @@ A file that cannot be read completely is treated as unreadable.
 
 from __future__ import annotations
 
-import csv
 import glob
 import os
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -19,6 +17,7 @@ import pandas as pd
 import xarray as xr
 
 from airswing.errors import InputError
+from airswing.products.foreign_files import foreign_file
 from airswing.products.whole_files import none_found
 from airswing.reports.assembly import assemble
 from airswing.reports.audit import Audit, similar
@@ -54,7 +53,7 @@ def read_file(
             for raw in _pieces(name, path, mapping, audit)
         ]
     except InputError as error:
-        if format != "auto" and (refusal := _refusal_of(first_bytes(path), path)) is not None:
+        if format != "auto" and (refusal := foreign_file(path, first_bytes(path), "reports")):
             raise refusal from error
         raise
     for name in ("latitude", "longitude"):
@@ -246,27 +245,13 @@ def _require_format(format: str) -> None:
 
 def _format_of(path: Path) -> str:
     start = first_bytes(path)
-    if not start:
-        raise InputError("is empty", file=path, remedy="Write it again, or remove it")
-    if (refusal := _refusal_of(start, path)) is not None:
+    if (refusal := foreign_file(path, start, "reports")) is not None:
         raise refusal
     for name, one in formats().items():
         if one.recognises(start):
             return name
     what = "is not a report file of a known format"
     raise InputError(what, file=path, found=start[:16], remedy=_TABLE)
-
-
-def _refusal_of(start: bytes, path: Path) -> InputError | None:
-    """Error for a file of a kind in ``other_kinds.csv``, by its (decompressed) first bytes."""
-    # A byte order mark and blanks may come first.
-    content = start.removeprefix(b"\xef\xbb\xbf").lstrip()
-    with Path(__file__).with_name("other_kinds.csv").open(encoding="ascii", newline="") as table:
-        for kind in csv.DictReader(table):
-            if found := re.match(kind["first_bytes"].encode("ascii"), content):
-                number = int(found[1]) if "{}" in kind["what"] else ""
-                return InputError(kind["what"].format(number), file=path, remedy=kind["remedy"])
-    return None
 
 
 def _pieces(name: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from airswing.errors import InputError, shortened
 from airswing.products.damaged_netcdf import DAMAGE, require_sound
-from airswing.reference.files import first_bytes, local_path, unreadable
-from airswing.reference.inspection import inspect_grib, inspect_gridded
+from airswing.products.foreign_files import foreign_file
+from airswing.reference.files import first_bytes, local_path
+from airswing.reference.inspection import inspect_winds
 from airswing.reports.mapping_proposal import propose_mapping
 from airswing.reports.read import reports_summary
 
@@ -25,16 +26,16 @@ def inspect_file(path: Path) -> dict[str, object]:
 
 def _content(path: Path) -> tuple[str, dict[str, object]]:
     if path.is_dir():
-        return "model winds", inspect_gridded(str(path))
+        return "model winds", inspect_winds(str(path))
     try:
         start = first_bytes(str(path), 4096)
-        refusal = unreadable(str(path), start)
+        refusal = foreign_file(path, start)
     except OSError as err:
         remedy = "Check the path, which starts at the current directory"
         raise InputError(
             "cannot open the file", file=path, found=err.strerror, remedy=remedy
         ) from err
-    if refusal is not None and b"[Content_Types].xml" not in start:  # of an Excel workbook
+    if refusal is not None:
         raise refusal
     no_winds: InputError | None = None
     if start.startswith((b"CDF", b"\x89HDF")):
@@ -42,12 +43,12 @@ def _content(path: Path) -> tuple[str, dict[str, object]]:
         if product is not None:
             return "product", product
         try:
-            return "model winds", inspect_gridded(str(path))
+            return "model winds", inspect_winds(str(path))
         except InputError as error:
             if not error.what.startswith(("no wind on", "holds observations")):
                 no_winds = error
     elif b"GRIB" in start and b"\x00" in start:  # text may contain the word GRIB
-        return "grib", inspect_grib(path)
+        return "model winds", inspect_winds(str(path))
     try:
         return "reports", reports_summary(path)
     except InputError as error:

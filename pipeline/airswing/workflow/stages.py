@@ -116,7 +116,7 @@ def make_corrected(
     if not months:
         job.ready(None, HEADINGS)  # raises
     title = "Aircraft reports with winds corrected for compass deviation"
-    with job.progress.stage("correct") as stage:
+    with job.progress.stage("correct"):
         for path in months:
             with open_product(path) as month:
                 corrected = correct(month, fitted, reference=job.reference, method=method)

@@ -31,7 +31,7 @@ from airswing.config import Naming
 from airswing.errors import InputError
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.damaged_netcdf import require_sound
-from airswing.reference.files import Reader, SourceFile, identify, is_url, kind_of, local_path
+from airswing.reference.files import Reader, SourceFile, is_url, local_path
 from airswing.reference.grib.grid_sections import MAX_POINTS
 from airswing.reference.grib.headers import LENGTHS, GarbageError, single_fields, whole_messages
 from airswing.reference.gridded.naming import components
@@ -57,20 +57,6 @@ _NEEDED: dict[str, tuple[str, ...]] = {
 }
 _WITHOUT_ROWS = ("reduced_gg", "reduced_ll", "sh", "unstructured_grid", "healpix")
 _KEYS = ("gridType", "shortName", "typeOfLevel", "numberOfPoints")
-
-
-def engine_of(path: str) -> str:
-    """Engine that opens a file: ``grib``, ``zarr``, ``wrf`` or ``netcdf``."""
-    try:
-        kind = kind_of(path)
-    except OSError as error:
-        raise InputError("cannot be opened", file=path, found=error.strerror) from error
-    if not kind:
-        remedy = "Model winds come as GRIB, NetCDF, Zarr or wrfout"
-        raise InputError("neither GRIB nor NetCDF nor a Zarr store", file=path, remedy=remedy)
-    if kind != "netcdf":
-        return kind
-    return "wrf" if is_wrf(opened(identify(path), "netcdf")[0]) else "netcdf"
 
 
 def opened(file: SourceFile, engine: str) -> list[xr.Dataset]:
