@@ -154,9 +154,12 @@ class Screening(_Section):
 class Fit(_Section):
     """How the deviation is fitted."""
 
-    harmonics: Literal["auto", 1, 2] = "auto"
+    harmonics: Literal["auto", 1, 2] = "auto"  # cycles; "auto": the second where the data show it
+    # argument of the curve: indicated magnetic heading, or (seed paper) true heading
     abscissa: Literal["magnetic", "true"] = "magnetic"
+    # fit airspeed errors jointly, with airspeed scale and reference bias; else the heading error
     joint: bool = True
+    # with ``joint``, also the error of the reference that the fleet shares, as a field
     shared_error: bool = True
     min_reports: int = Field(200, ge=10, le=1_000_000_000)
     min_compass_points: int = Field(6, ge=3, le=8)

@@ -97,8 +97,8 @@ def test_limits_are_limits():
     assert bits(turns, max_turn=np.radians(5.1)) == [0]
     slow = made({"ground_speed": 41.0}, {"ground_speed": 41.3})  # 80 kt is 41.16 m/s
     assert bits(slow) == [SCREENING["ground_speed"], 0]
-    coarse = made({"ground_velocity_error": 15.0})
-    assert bits(coarse) == [0] and bits(coarse, max_ground_velocity_error=0.1) != [0]
+    coarse = made({"ground_velocity_error": 15.0}, {"ground_velocity_error": 40.0})
+    assert bits(coarse) == [0, SCREENING["no_ground_vector"]]
 
 
 def test_gross_errors_only():

@@ -45,8 +45,6 @@ def screen(
     wind_qc: Literal["reject_fail", "require_pass", "ignore"] = "reject_fail",
     max_turn: float = float(np.radians(10.0)),
     min_ground_speed: float = 80.0 * KNOT,
-    max_ground_velocity_error: float = MAX_GROUND_VELOCITY_ERROR,
-    max_innovation: float = MAX_INNOVATION,
 ) -> xr.Dataset:
     """Mark the reports that the fit should not use, with the reasons.
 
@@ -64,11 +62,6 @@ def screen(
         Largest change of track at the report, radians.
     min_ground_speed : float
         m s-1.
-    max_ground_velocity_error : float
-        Largest standard error of the ground velocity, as a share of the ground speed.
-    max_innovation : float
-        Gross errors: largest vector difference, m s-1, from any reference that a report has (or a
-        third of its airspeed, if that is more).
 
     Returns
     -------
@@ -103,7 +96,7 @@ def screen(
     )
     # missing references are ignored by the maximum
     farthest = ((wind[0] - reference[0]) ** 2 + (wind[1] - reference[1]) ** 2).max("reference")
-    allowed = (MAX_INNOVATION_SHARE * airspeed.fillna(0.0)).clip(min=max_innovation)
+    allowed = (MAX_INNOVATION_SHARE * airspeed.fillna(0.0)).clip(min=MAX_INNOVATION)
     slow, fast = AIRSPEEDS
     rules = {
         "phase": ~headings["phase"].isin([PHASE[name] for name in phases]),
@@ -114,7 +107,7 @@ def screen(
         "ground_speed": speed < min_ground_speed,
         "no_ground_vector": speed.isnull()
         | error.isnull()
-        | (error > max_ground_velocity_error * speed),
+        | (error > MAX_GROUND_VELOCITY_ERROR * speed),
         "no_reference": (reference[0].isnull() | reference[1].isnull()).all("reference"),
         "missing_wind": wind[0].isnull() | wind[1].isnull(),
         "gross_error": (farthest > allowed**2) | (airspeed < slow) | (airspeed > fast),

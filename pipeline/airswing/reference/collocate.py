@@ -378,7 +378,8 @@ def _overlap(model: Catalogue, points: Points, max_time_gap: float) -> dict[str,
 
 def _extent(time: Ints, latitude: Floats, longitude: Floats, pressure: Floats) -> str:
     """Ranges of increasing times, of places (degrees) and of pressures (Pa), as text."""
-    ends = time[[0, -1]].astype("datetime64[ns]").astype("datetime64[m]") if time.size else []
+    first_and_last = time[[0, -1]] if time.size else time
+    ends = first_and_last.astype("datetime64[ns]").astype("datetime64[m]")
     ranges = [" to ".join(f"{end}Z" for end in ends)]
     for name, values, unit in (
         ("latitude ", latitude, ""),

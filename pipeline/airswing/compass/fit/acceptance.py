@@ -40,6 +40,7 @@ from airswing.compass.fit.pooling import (
 )
 from airswing.compass.fleet.field import Array, Index
 from airswing.compass.fleet.solution import SEGMENTS_A_DAY, solve_fleet
+from airswing.config import Fit
 from airswing.flags import STATUS, published
 from airswing.units import NORMAL_95
 from airswing.vocabulary import lookup
@@ -68,7 +69,7 @@ _SINUSOID = ("offset", "amplitude", "phase")
 
 
 class FitOptions(TypedDict, total=False):
-    """Fields of :class:`Options` as keywords."""
+    """Fields of :class:`airswing.config.Fit` as keywords."""
 
     abscissa: Literal["magnetic", "true"]
     harmonics: Literal["auto", 1, 2]
@@ -76,24 +77,6 @@ class FitOptions(TypedDict, total=False):
     shared_error: bool
     min_reports: int
     min_compass_points: int
-
-
-@dataclass(frozen=True)
-class Options:
-    """Options of the fit."""
-
-    # argument of the curve: indicated magnetic heading, or (seed paper) true heading
-    abscissa: Literal["magnetic", "true"] = "magnetic"
-    harmonics: Literal["auto", 1, 2] = "auto"  # cycles; "auto": the second where the data show it
-    # fit airspeed errors jointly, with airspeed scale and reference bias; else the heading error
-    joint: bool = True
-    # with ``joint``, also fit the error of the reference that the fleet shares, as a field (see
-    # `airswing.compass.fleet.field`)
-    shared_error: bool = True
-    # fewer give status ``too_few_reports``, ``poor_heading_coverage``; where a constant is found in
-    # place of a curve, ``offset_only``
-    min_reports: int = 200
-    min_compass_points: int = 6
 
 
 @dataclass
@@ -142,7 +125,7 @@ _COPIED = {
 _SIZES = {"coefficient": COMPASS, "coefficient_2": COMPASS, "fold": FOLDS, "component": 2}
 
 
-def publish(aircraft: list[AircraftSums], options: Options) -> xr.Dataset:
+def publish(aircraft: list[AircraftSums], options: Fit) -> xr.Dataset:
     """Fit a fleet against one reference or pool.
 
     Returns the variables of ``fits.nc`` with the dimensions ``aircraft``, ``coefficient``,
@@ -187,7 +170,7 @@ def condition_number(normal: Array, harmonics: int) -> float:
     return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")
 
 
-def _publish_curves(table: _Table, curves: dict[int, AircraftFit], options: Options) -> None:
+def _publish_curves(table: _Table, curves: dict[int, AircraftFit], options: Fit) -> None:
     if not curves:
         return
     ratio = day_ratio(list(curves.values()))
@@ -222,7 +205,7 @@ def _publish_curves(table: _Table, curves: dict[int, AircraftFit], options: Opti
         table["reference_bias_standard_error"][:] = np.sqrt(variance)
 
 
-def _with_field(fits: list[AircraftFit], options: Options) -> _Estimate:
+def _with_field(fits: list[AircraftFit], options: Fit) -> _Estimate:
     """Solve the fleet together with the error of its references."""
     free = np.array([[k in fit.free for k in range(COMPASS + 1)] for fit in fits])
     fleet = solve_fleet([fit.blocks for fit in fits], free)
@@ -252,7 +235,7 @@ def _with_field(fits: list[AircraftFit], options: Options) -> _Estimate:
     )
 
 
-def _without_field(fits: list[AircraftFit], ratio: Array, options: Options) -> _Estimate:
+def _without_field(fits: list[AircraftFit], ratio: Array, options: Fit) -> _Estimate:
     """Fit aircraft by aircraft, with the references' bias pooled over the fleet."""
     choices, kept = [], []
     for fit in fits:
@@ -299,7 +282,7 @@ def _enlargement(weight: NDArray[Any]) -> Array:
 
 
 def _choice(
-    fit: AircraftFit, theta: Array, covariance: Array, free: Index, normal: Array, options: Options
+    fit: AircraftFit, theta: Array, covariance: Array, free: Index, normal: Array, options: Fit
 ) -> tuple[int, Array, Array]:
     """Number of cycles, the matrix that maps to the estimate with it, and the covariance to add."""
     keep, added = np.eye(theta.size), np.zeros_like(covariance)

@@ -34,7 +34,6 @@ from airswing.compass.fit.acceptance import (
     MAX_CONDITION,
     AircraftSums,
     FitOptions,
-    Options,
     condition_number,
     publish,
 )
@@ -42,6 +41,7 @@ from airswing.compass.fit.kernel import AircraftFit, fit_aircraft
 from airswing.compass.fit.pooling import MIN_FLIGHTS, STRETCH
 from airswing.compass.fleet.field import Array, Index, Reports
 from airswing.compass.whole_aircraft import aircraft_batches, lazy_dataset, single_task
+from airswing.config import Fit
 from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.physics.compass_deviation import COEFFICIENTS, deviation_basis
@@ -78,7 +78,7 @@ def fit_deviation(
         Also fit each reference separately (always done without pools).
     **options
         ``abscissa``, ``harmonics``, ``joint``, ``shared_error``, ``min_reports``,
-        ``min_compass_points``: see :class:`airswing.compass.fit.acceptance.Options`.
+        ``min_compass_points``: see :class:`airswing.config.Fit`.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def sum_aircraft(
                 remedy=f"References: {', '.join(known)}",
             )
         groups[pool_name] = [known.index(name) for name in members]
-    asked = Options(**options)
+    asked = Fit(**options)
     read = headings[[name for name in FITTED_FROM if name in headings]]
     read = read.drop_vars(["aircraft", "reference"], errors="ignore")
     names = [name for name in FITTED_FROM if name in read]
@@ -167,7 +167,7 @@ def fit_sums(sums: xr.DataArray) -> xr.Dataset:
         template = fit_sums(empty)
         task = delayed(lambda values: fit_sums(empty.copy(data=values)))(single_task(sums.data))
         return lazy_dataset(task, template, {}, template)
-    options: Options = sums.attrs["options"]
+    options: Fit = sums.attrs["options"]
     fits = xr.concat(
         [publish(list(row), options) for row in sums.to_numpy()],
         dim="reference",
@@ -191,7 +191,7 @@ def fit_sums(sums: xr.DataArray) -> xr.Dataset:
 
 
 def _fit_batch(
-    *arrays: NDArray[Any], names: list[str], groups: list[list[int]], options: Options
+    *arrays: NDArray[Any], names: list[str], groups: list[list[int]], options: Fit
 ) -> NDArray[np.object_]:
     """Kernel of the fits over the aircraft of a batch, whose reports are concatenated."""
     columns = dict(zip(names, arrays, strict=True))
@@ -264,9 +264,7 @@ def _observations(
     return sets, days, angle[used], mean
 
 
-def _fit_one(
-    columns: dict[str, NDArray[Any]], members: list[int], options: Options
-) -> AircraftSums:
+def _fit_one(columns: dict[str, NDArray[Any]], members: list[int], options: Fit) -> AircraftSums:
     sets, flight_day, angle, field = _observations(columns, members, options.abscissa)
     # compass points with at least three headings and one in 500; fewer are turns or errors
     counts = np.bincount(np.rint(angle / (np.pi / 4)).astype(np.int64) % 8, minlength=8)
@@ -298,7 +296,7 @@ def _fit_one(
     return found
 
 
-def _fit_of_stretches(sets: list[Reports], options: Options) -> AircraftFit | None:
+def _fit_of_stretches(sets: list[Reports], options: Fit) -> AircraftFit | None:
     """Constant of an aircraft with too few flights, with stretches of flight as clusters."""
     # flight and stretch as one number: stretches since 1970 are far fewer than 10^9
     numbers = [
