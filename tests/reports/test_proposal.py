@@ -105,7 +105,10 @@ def test_guesses_are_marked_and_what_is_missing_is_said(tmp_path):
     shown = CliRunner().invoke(cli.app, ["inspect", str(path)])
     assert shown.exit_code == 0, shown.output
     assert "hdg: magnetic_heading_deg   # magnetic is a guess" in shown.output
-    assert "gs: {name: ground_speed_kt, unit: kt}   # unit found by comparison" in shown.output
+    assert (
+        "gs: {name: ground_speed_kt, unit: kt}   # kt or m/s guessed from its values"
+        in shown.output
+    )
     assert "tail: {value: recorder}   # one aircraft a file is a guess" in shown.output
     assert "still missing: pressure_altitude_ft or pressure_hPa" in shown.output
     whole = table.assign(alt=33000)

@@ -13,10 +13,10 @@ implausible where one mistake makes the mean square difference `RATIO` times sma
 is that of its component along g, between its regression on that of r and the reverse (each is
 attenuated by the noise of the other); it does not depend on errors of the airspeed, which add a
 constant along g, or of the compass, which act across g. Mistakes of less than a quarter (mph for
-kt) remain unnoticed. Where altitudes are wrong, and with them the reference, the ground speed takes
-its place: at equal altitude it changes as the component of w along g. A clock is wrong where winds
-agree better with the reference of near places 3, 6, 9 or 12 h apart, by `CLOCK_RATIO` and four
-standard errors; errors of 1 or 2 hours remain unnoticed.
+kt) remain unnoticed. Where altitudes are wrong, so is the reference at them, and winds are tested
+only after the altitudes are corrected. A clock is wrong where winds agree better with the reference
+of near places 3, 6, 9 or 12 h apart, by `CLOCK_RATIO` and four standard errors; errors of 1 or 2
+hours remain unnoticed.
 
 ``python -m benchmarks.units``: with any `RATIO` from 1.5 to 3 every wrong unit of every column is
 named for all aircraft, and no correct archive has a finding (deviations of 25 degrees and winds of
@@ -351,7 +351,7 @@ def findings_of(sample: Sample) -> list[Finding]:
     if motion and _derived(sample).any():  # the winds contain the mistake
         return levels + motion
     if any(one.quantity == "pressure_altitude" or not one.likely for one in levels):
-        return levels + motion + _wind_speed_by_ground_speed(sample)
+        return levels + motion
     return levels + motion + _wind_findings(sample)
 
 
@@ -571,26 +571,6 @@ def _wind_findings(sample: Sample) -> list[Finding]:
         evidence = f"their correlation with the reference's winds is {agreement:.2f}"
         return [Finding("ground_velocity" if derived else "wind_direction", "", evidence)]
     return []
-
-
-def _wind_speed_by_ground_speed(sample: Sample) -> list[Finding]:
-    """Wrong unit of the wind speed where altitudes, and thus the reference, are wrong."""
-    ground = np.where(np.abs(sample["ground"]) > 20.0, sample["ground"], np.nan)
-    wind, ground, altitude, flight = _finite(
-        sample["wind"], ground, sample["pressure_altitude"], sample["flight"]
-    )
-    if not wind.size or _derived(sample).any():
-        return []
-    speed = np.abs(ground)
-    both = np.stack([(wind * ground.conj()).real / speed, speed], axis=1)
-    design = np.vander(altitude / 1e4, 4)  # climbs are slower
-    both -= design @ np.linalg.lstsq(design, both, rcond=None)[0]
-    slope, error = _slope(both[:, 1], both[:, 0], flight)
-    if slope - 3.0 * error <= 1.25 and not 0.0 < slope < slope + 3.0 * error < 0.8:
-        return []
-    factor = 1.0 / slope
-    evidence = f"they are {factor:.2f} times those by which the ground speeds change"
-    return [Finding("wind_speed", "", evidence, factor)] if _speed_mistake(factor) else []
 
 
 def _less_deviation(wind: Complex, reference: Complex, ground: Complex) -> Complex:

@@ -20,25 +20,18 @@ from airswing.reports.columns import (
     REQUIRED,
     TEXT,
     Column,
-    Index,
     Quantity,
-    Source,
-    Times,
     compatible,
-    conversion,
     gives_wind,
     numbers,
     parse_times,
     possible,
-    seconds_since_1970,
     split_name,
 )
-from airswing.reports.flights import step_distance
-from airswing.reports.formats.tabular import column_of, first_rows
+from airswing.reports.formats.tabular import first_rows
 
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 _ENDING = re.compile(r"_(ft|m|km|kts?|kn|knots|mps|m_s|ms|kmh|hPa|Pa|mb|degC|C|K|deg|rad)$", re.I)
-_CHECK = "kt or m/s cannot be decided from the name: please check"
 # Largest value, and the units of columns with a larger one and without.
 _BY_SIZE = {
     # 1013 hPa is the largest there is, and the least at flight level still 15,000 Pa.
@@ -47,9 +40,9 @@ _BY_SIZE = {
     "pressure_altitude": (15_500.0, "ft", "m"),
     # No air is as warm as 150 degC, none as cold as 150 K.
     "temperature": (150.0, "K", "degC"),
+    # The speed of sound in m/s: no transport aircraft flies at 340 m/s, but many at 340 kt.
+    **dict.fromkeys(("ground_speed", "true_airspeed", "indicated_airspeed"), (340.0, "kt", "m/s")),
 }
-# The speed of sound in m/s: no transport aircraft flies at 340 m/s, but many at 340 kt.
-_SOUND = 340.0
 _FASTEST_WIND = 60.0  # median of a column of winds, in any unit; aircraft are faster
 
 Entry = str | dict[str, str]  # a canonical name, or one with its unit, parts or value
@@ -72,18 +65,16 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
     if len(found) < 2:
         return None
     remarks: dict[str, str] = {}
-    mapping, times = _time(table, found, remarks)
+    mapping = _time(table, found, remarks)
     _motion(table, found, remarks)
     values = {
         name: pd.Series(numbers(table[column]))
         for name, column in found.items()
         if name in QUANTITIES
     }
-    tail = pd.factorize(table[found["tail"]])[0] if "tail" in found else np.zeros(len(table), int)
-    speed = _speed_over_ground(values, times, tail)
     for name, column in found.items():
         if name in values:
-            mapping[column] = _entry(QUANTITIES[name], column, values[name], speed, remarks)
+            mapping[column] = _entry(QUANTITIES[name], column, values[name], remarks)
         elif name != "time":
             mapping[column] = name
     if "tail" not in found:
@@ -115,10 +106,8 @@ def _stem(column: str) -> str | None:
     return next((name for name, names in OTHER_NAMES.items() if re.fullmatch(names, plain)), None)
 
 
-def _time(
-    table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str]
-) -> tuple[dict[str, Entry], Times | None]:
-    """Map the column or the two columns of the time; return the times of the rows, or None."""
+def _time(table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str]) -> dict[str, Entry]:
+    """Map the column or the two columns of the time."""
     candidates = [column for column in table.columns.tolist() if _stem(column) == "time"]
     dates = [c for c in candidates if re.search(r"date|day", c, re.I) and not _has_clock(table[c])]
     clocks = [c for c in candidates if c not in dates]
@@ -128,15 +117,14 @@ def _time(
     if dates and clocks and (best is None or whole[best] == 0.0):
         clock = next((column for column in clocks if _has_clock(table[column])), clocks[0])
         found["time"] = "time"
-        made = column_of(table, Source(dates[0], parts=(clock,)))
-        return {"time": {"date": dates[0], "time": clock}}, parse_times(made)[0]
+        return {"time": {"date": dates[0], "time": clock}}
     column = best or next(iter(dates), None)
     if column is None:
-        return {}, None
+        return {}
     found["time"] = column
     if pd.api.types.is_numeric_dtype(table[column]):
         remarks[column] = "a number that is read as a time between 1973 and now"
-    return {column: "time"}, parse_times(table[column])[0]
+    return {column: "time"}
 
 
 def _has_clock(column: Column) -> bool:
@@ -162,28 +150,12 @@ def _motion(table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str])
         remarks[found["magnetic_heading"]] = "magnetic is a guess: heading_deg where it is true"
 
 
-def _speed_over_ground(values: dict[str, Column], times: Times | None, tail: Index) -> float:
-    """Median speed (m s-1) by successive positions; NaN where too few of them are in flight."""
-    if times is None or not {"latitude", "longitude"} <= values.keys():
-        return float("nan")
-    order = np.lexsort((times, tail))
-    place = (values[name].to_numpy()[order] for name in ("latitude", "longitude"))
-    gap = np.diff(seconds_since_1970(times[order]))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        speed = step_distance(*place) / gap
-    flying = (gap > 0.0) & (gap < 1800.0) & (speed > 30.0) & (speed < 400.0)
-    flying &= np.diff(tail[order]) == 0
-    return float(np.median(speed[flying])) if np.count_nonzero(flying) >= 3 else float("nan")
-
-
 def _written_unit(column: str, si_unit: str) -> str | None:
     written = _BRACKET.search(column) or _ENDING.search(column)
     return written.group(1) if written and compatible(written.group(1), si_unit) else None
 
 
-def _entry(
-    quantity: Quantity, column: str, values: Column, speed: float, remarks: dict[str, str]
-) -> Entry:
+def _entry(quantity: Quantity, column: str, values: Column, remarks: dict[str, str]) -> Entry:
     """Map a column of numbers, with a remark where its unit is a guess."""
     known = split_name(column.strip())
     largest, remark = float(values.abs().max()), ""
@@ -197,21 +169,10 @@ def _entry(
         unit, remark = "hft", "flight levels guessed from its values"
     elif quantity.stem in _BY_SIZE:
         limit, above, below = _BY_SIZE[quantity.stem]
-        unit, remark = above if largest > limit else below, "unit guessed from its values"
-    elif quantity.stem in ("ground_speed", "true_airspeed", "indicated_airspeed"):
-        # Indicated is below true airspeed: by a quarter at 20,000 ft, by half at 40,000 ft.
-        expected = speed * (0.75 if quantity.stem == "indicated_airspeed" else 1.0)
-        # km/h is rare: it must fit better by a third.
-        cost, typical = {"kt": 0.0, "m/s": 0.0, "km/h": 0.3}, float(values[values > 0].median())
-        for name in cost:
-            ratio = typical * conversion(name, "m/s")[0] / expected
-            cost[name] += abs(float(np.log(ratio)))
-        unit = min(cost, key=lambda name: cost[name])
-        remark = "unit found by comparison with the positions"
-        if not np.isfinite(cost[unit]):
-            unit, remark = "kt" if largest > _SOUND else "m/s", _CHECK
+        unit = above if largest > limit else below
+        remark = f"{above} or {below} guessed from its values: please check"
     elif quantity.si_unit == "m/s":
-        unit, remark = "kt", _CHECK
+        unit, remark = "kt", "kt or m/s cannot be decided from the name: please check"
     if remark:
         remarks.setdefault(column, remark)
     return quantity.canonical if unit is None else {"name": quantity.canonical, "unit": unit}

@@ -196,19 +196,12 @@ def _at_address(address: str, progress: Progress) -> Iterator[None]:
             if not client.nthreads():
                 progress.say("the dask scheduler has no workers yet: waiting for them")
             yield
-    except KilledWorker as err:
+    except (KilledWorker, CommClosedError, CancelledError) as err:
         raise InputError(
-            "the same task ended several workers, most likely out of memory",
-            field="compute",
-            found=str(err.task),
-            remedy=f"Give each worker more memory or fewer threads, {_AGAIN}",
-        ) from err
-    except (CommClosedError, CancelledError) as err:
-        raise InputError(
-            "the dask scheduler was lost",
+            "the dask scheduler or its workers were lost, most likely out of memory",
             field="scheduler",
-            found=address,
-            remedy=f"Start it again, {_AGAIN}",
+            found=f"{address}: {err}",
+            remedy=f"Give each worker more memory or fewer threads, start them again, {_AGAIN}",
         ) from err
 
 
