@@ -68,5 +68,4 @@ def test_the_permutation_test_has_its_size_however_the_aircraft_were_chosen(chos
 def test_where_nothing_can_be_permuted_there_is_no_p_value():
     few, all_of_them = np.arange(4.0), np.ones(9, bool)
     for outcome, corrected in ((few, few > 1), (np.arange(9.0), all_of_them)):
-        effect, p_value, null = permutation_test(outcome, corrected)
-        assert np.isnan([effect, p_value]).all() and null.size == 0
+        assert np.isnan(permutation_test(outcome, corrected)).all()

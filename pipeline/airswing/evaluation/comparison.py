@@ -34,6 +34,7 @@ from airswing.evaluation.gains import only
 from airswing.evaluation.innovations import Floats, Ints, Part, member_mean, paired_design, parts_of
 from airswing.evaluation.resampling import normal_interval
 from airswing.flags import PHASE, SCREENING
+from airswing.physics.compass_deviation import COEFFICIENTS
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import time_span
 from airswing.products.whole_files import Findings
@@ -45,7 +46,6 @@ SIGNIFICANCE = 0.02
 """Level of each of the two tests, curves and winds: equal references pass both in 95 % of cases."""
 CURVE_RMS_DEG, REGION_BIAS = 0.2, 0.4
 """Degrees and m/s: a smaller difference does not matter, however significant it is."""
-NAMES = ("A", "B", "C", "D", "E")
 COMPONENTS = ("eastward", "northward")
 REGIONS = 9  # thirds of the reports by latitude, and of each by longitude
 FEWEST_REPORTS, FEWEST_DAYS = 50, 10
@@ -475,7 +475,7 @@ def _verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Conten
 
 def _by_name(coefficients: Floats) -> dict[str, float]:
     """Coefficients A to E in degrees."""
-    return dict(zip(NAMES, np.degrees(coefficients).tolist(), strict=True))
+    return dict(zip(COEFFICIENTS, np.degrees(coefficients).tolist(), strict=True))
 
 
 def _aircraft_entry(number: int, values: Floats, influence: Floats, fits: xr.Dataset) -> Content:
@@ -496,7 +496,7 @@ def _aircraft_entry(number: int, values: Floats, influence: Floats, fits: xr.Dat
         "p_value": wald(values, covariance, len(influence)),
         "difference": difference,
         "standard_error": errors,
-        "ci": {name: normal_interval(difference[name], errors[name]) for name in NAMES},
+        "ci": {name: normal_interval(difference[name], errors[name]) for name in COEFFICIENTS},
     }
     for name, gradient in gradients.items():
         change = -np.diff(pair[name])[0]

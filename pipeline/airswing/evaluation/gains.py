@@ -16,7 +16,6 @@ degrees in results.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import date
 from typing import Any, Unpack
 
@@ -258,7 +257,7 @@ def virtual_field_test(
     pools, reference : mapping of str to list of str, str
         Members of each reference and pool; the one of them that is used.
     corrected : list of str, optional
-        Aircraft that get the correction, the others being controls; all by default.
+        Aircraft that get the correction; all by default.
     draws, seed : int
         Of the bootstrap.
     resolution : float
@@ -269,10 +268,10 @@ def virtual_field_test(
     Returns
     -------
     dict
-        ``later`` of ``virtual_field_test.json``: ``groups`` as in ``field_test.json``;
-        ``predicted_gain_kt`` and ``realised_gain_kt`` with intervals, over all reports of the
-        corrected aircraft that have a fit and ``by_aircraft``; ``agree``: whether their difference
-        is within its interval.
+        ``later`` of ``virtual_field_test.json``: ``groups`` as in ``field_test.json``, of the
+        corrected aircraft only; ``predicted_gain_kt`` and ``realised_gain_kt`` with intervals, over
+        all reports of the corrected aircraft that have a fit and ``by_aircraft``; ``agree``:
+        whether their difference is within its interval.
 
     Raises
     ------
@@ -306,30 +305,30 @@ def virtual_field_test(
     fits, ranking = _learned(headings, learned_until, **against, **options)
     fit = fits.sel(reference=reference)
     table = error_from_table(fit).to_numpy()[np.newaxis]
-    sums = _sum_by_day(headings, pools[reference], fit, table)
+    origin, correctable, (number, before, after) = _sum_by_day(
+        headings, pools[reference], fit, table
+    )
     until = np.datetime64(learned_until, "D").astype(np.int64)
-    late = sums.first + np.arange(sums.number.shape[1]) >= until
+    late = origin + np.arange(number.shape[1]) >= until
+    reports, reported, corrected_sum = (
+        np.array([part[treated][:, period].sum() for period in (~late, late)])
+        for part in (number, before, after)
+    )
     groups = {}
-    for group, member in (("controls", ~treated), ("corrected", treated)):
-        number, before, after = (
-            np.array([part[member][:, period].sum() for period in (~late, late)])
-            for part in (sums.number, sums.before, sums.after)
-        )
-        # a group with reports on one side of the date only has no difference
-        if number.all():
-            level, uncorrected = (before / number).tolist()
-            # controls remain as reported, although they also have fits
-            during = float(after[1] / number[1]) if group == "corrected" else uncorrected
-            groups[group] = {
-                "aircraft": int(member.sum()),
-                "before_kt": level,
-                "during_kt": during,
-                "during_uncorrected_kt": uncorrected,
-                "reduction_kt": level - during,
-                "reports_before": int(number[0]),
-                "reports_during": int(number[1]),
-            }
-    chosen = (treated & sums.correctable)[:, np.newaxis] & late
+    # reports on one side of the date only give no difference
+    if reports.all():
+        earlier, later = (reported / reports).tolist()
+        now = float(corrected_sum[1] / reports[1])
+        groups["corrected"] = {
+            "aircraft": int(treated.sum()),
+            "before_kt": earlier,
+            "during_kt": now,
+            "during_uncorrected_kt": later,
+            "reduction_kt": earlier - now,
+            "reports_before": int(reports[0]),
+            "reports_during": int(reports[1]),
+        }
+    chosen = (treated & correctable)[:, np.newaxis] & late
     return {
         "reference": reference,
         "learned_until": str(learned_until),
@@ -337,8 +336,8 @@ def virtual_field_test(
         "groups": groups,
         **_compared(
             names,
-            np.where(chosen, sums.number, 0.0),
-            np.where(chosen, sums.before - sums.after, 0.0),
+            np.where(chosen, number, 0.0),
+            np.where(chosen, before - after, 0.0),
             ranking,
             draws=draws,
             seed=seed,
@@ -439,10 +438,11 @@ def cross_validate(
         resolution=fits.attrs.get("table_resolution", 0.1),
         sign=fits.attrs.get("table_sign", "subtract_error"),
     )
-    sums = _sum_by_day(headings, pools[reference], fit, error_from_table(left_out).to_numpy())
+    tables = error_from_table(left_out).to_numpy()
+    _, correctable, (number, *winds) = _sum_by_day(headings, pools[reference], fit, tables)
     names = headings["aircraft"].to_numpy().astype(str)
-    number = np.where(sums.correctable[:, np.newaxis], sums.number, 0.0)
-    gain = np.where(number > 0, sums.before - sums.after, 0.0)
+    number = np.where(correctable[:, np.newaxis], number, 0.0)
+    gain = np.where(number > 0, winds[0] - winds[1], 0.0)
     if not number.any():
         raise InputError(
             "no held-out report could be corrected",
@@ -458,24 +458,15 @@ def cross_validate(
     }
 
 
-@dataclass(frozen=True)
-class _DaySums:
-    """Reports and their summed disagreement by aircraft and day, (aircraft, day); knots."""
-
-    first: int  # day since 1970
-    correctable: NDArray[np.bool_]  # (aircraft,): whether the aircraft has a table
-    number: Floats
-    before: Floats
-    after: Floats  # as corrected; as reported where an aircraft has no table
-
-
 def _sum_by_day(
     headings: xr.Dataset, members: list[str], fit: xr.Dataset, tables: Floats
-) -> _DaySums:
+) -> tuple[int, NDArray[np.bool_], Floats]:
     """Sum the disagreement as reported and as corrected.
 
     The tables, (part, aircraft, node) in degrees of heading error, have one part, or one for each
-    part of the days that are held out.
+    part of the days that are held out. Returns the first day (since 1970), which aircraft have a
+    table, and reports and their summed disagreement (kt) before and after the correction, (3,
+    aircraft, day); aircraft without a table remain as reported.
     """
     argument = "heading" if fit.attrs.get("abscissa") == "true" else "magnetic_heading"
     correctable = published(fit["status"].to_numpy()) & np.isfinite(tables).all(axis=(0, 2))
@@ -499,7 +490,7 @@ def _sum_by_day(
         cell = aircraft * shape[1] + day - first
         for total, column in zip(sums, values, strict=True):
             total += np.bincount(cell, column, total.size).reshape(shape)
-    return _DaySums(int(first), correctable, *sums)
+    return int(first), correctable, sums
 
 
 def _compared(

@@ -110,8 +110,8 @@ def permutation_test(
     covariate: Floats | None = None,
     draws: int = 2000,
     seed: int = 0,
-) -> tuple[float, float, Floats]:
-    """Effect of a treatment on an outcome (unit,), its two-sided p value, and permuted effects.
+) -> tuple[float, float]:
+    """Effect of a treatment on an outcome (unit,), and its two-sided p value.
 
     The outcome is regressed on the covariate and the treatment; the residuals of the regression
     without the treatment are permuted over the units and the t value of the treatment computed
@@ -119,14 +119,14 @@ def permutation_test(
     it. NaN with fewer than :data:`FEWEST_PERMUTED` units, an empty group, or where the covariate
     determines the group.
     """
-    none = float("nan"), float("nan"), np.empty(0)
+    none = float("nan"), float("nan")
     number = outcome.size
     if number < FEWEST_PERMUTED or treated.all() or not treated.any():
         return none
     columns = [np.ones(number), *([] if covariate is None else [covariate])]
     # an orthonormal basis replaces the hat matrix
-    directions, values, _ = np.linalg.svd(np.column_stack(columns), full_matrices=False)
-    span = directions[:, values > 1e-12 * values[0]]
+    directions, sizes, _ = np.linalg.svd(np.column_stack(columns), full_matrices=False)
+    span = directions[:, sizes > 1e-12 * sizes[0]]
     fitted = span @ (span.T @ outcome)
     group = treated.astype(float)
     group = group - span @ (span.T @ group)
@@ -134,16 +134,14 @@ def permutation_test(
     if information < 1e-9 * number:
         return none
 
-    def statistics(values: Floats) -> Floats:
-        rest = values - (values @ span) @ span.T
-        effects = (rest @ group) / information
-        rest = rest - effects[:, np.newaxis] * group
-        error = np.sqrt((rest**2).sum(1) / max(number - len(columns) - 1, 1) / information)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.stack([effects, np.abs(effects / error)])
-
     shuffled = np.random.default_rng(seed).permuted(np.tile(outcome - fitted, (draws, 1)), axis=1)
-    effects, t = statistics(np.vstack([outcome, fitted + shuffled]))
+    values = np.vstack([outcome, fitted + shuffled])
+    rest = values - (values @ span) @ span.T
+    effects = (rest @ group) / information
+    rest = rest - effects[:, np.newaxis] * group
+    error = np.sqrt((rest**2).sum(1) / max(number - len(columns) - 1, 1) / information)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = np.abs(effects / error)
     # draws that change nothing count as large, irrespective of rounding
     p_value = (1.0 + (t[1:] >= t[0] * (1 - 1e-12)).sum()) / (draws + 1.0)
-    return float(effects[0]), float(p_value), effects[1:]
+    return float(effects[0]), float(p_value)

@@ -278,7 +278,7 @@ def find_events(
     begin, silences = first_days_and_silences(*days, aircraft.size, last)
     for silence in silences:
         dates = date_of(silence.first), date_of(silence.noticed)
-        evidence = {"days": silence.days, "usual_days": silence.usual_days}
+        evidence = {"days": silence.usual_days + 1, "usual_days": silence.usual_days}
         found.append(Event("aircraft_silent", *dates, str(aircraft[silence.number]), evidence))
     # an aircraft that begins with the archive is not new
     new = (begin >= winds["day"].min() + LEARNING) & (begin <= last)
@@ -384,8 +384,7 @@ class Silence(NamedTuple):
     number: int  # of the aircraft
     first: int
     noticed: int
-    days: int  # when it was noticed
-    usual_days: int
+    usual_days: int  # it is noticed on the day after
     lasts: bool  # until the last day
 
 
@@ -419,8 +418,8 @@ def first_days_and_silences(
         usual = np.maximum(np.maximum(SHORTEST, 2 * longest), chance).astype(np.int64)
         for j in np.flatnonzero(gaps > usual):
             first, noticed = np.searchsorted(open_days, edge[j] + [1, usual[j] + 1]) + base
-            days, lasts = int(usual[j]) + 1, bool(j == gaps.size - 1)
-            silences.append(Silence(k, int(first), int(noticed), days, days - 1, lasts))
+            lasts = bool(j == gaps.size - 1)
+            silences.append(Silence(k, int(first), int(noticed), int(usual[j]), lasts))
     return begin, silences
 
 

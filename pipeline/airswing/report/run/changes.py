@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -18,26 +17,17 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from airswing.evaluation import Content
+from airswing.evaluation.monitoring.events import WORDS, Event, Monitoring, State
 from airswing.products.whole_files import write_text
 from airswing.report import html
 from airswing.report.html import Look, interval_text, number_text, plural
 from airswing.units import NORMAL_95
 from airswing.version import __version__
 
-if TYPE_CHECKING:
-    from airswing.evaluation.monitoring.events import Event, Monitoring, State
-
 # Aircraft in a figure; rows of the tables. The files contain all.
 FEWEST_AIRCRAFT, MOST_AIRCRAFT = 2, 10
 _MOST_EVENTS, _MOST_STATES = 60, 200
 _FLEET = "all aircraft at once"
-_KINDS = {
-    "compass_changed": "compass changed",
-    "disagreement_rose": "wind disagreement rose",
-    "aircraft_silent": "no reports",
-    "aircraft_new": "new aircraft",
-    "reference_changed": "reference changed",
-}
 
 
 def date_axis(axes: Axes) -> None:
@@ -164,7 +154,7 @@ def monitoring_section(monitoring: Monitoring, show: html.Figures) -> html.Secti
 def _new_events(monitoring: Monitoring) -> str:
     """Return the new events by kind, and the aircraft that need another table."""
     new = [one.kind for one in monitoring.new_events]
-    counts = [f"{words} ({new.count(kind)})" for kind, words in _KINDS.items() if kind in new]
+    counts = [f"{words} ({new.count(kind)})" for kind, words in WORDS.items() if kind in new]
     text = f"New up to {monitoring.until}: {', '.join(counts)}." if new else "No new event."
     if names := monitoring.differing:
         text += f" Another table is needed for {html.joined(names, most=8)}."
@@ -179,7 +169,7 @@ def _events_table(monitoring: Monitoring) -> Markup:
         "since": [one.date for one in events],
         "95 % interval": [text or "-" for text in dates],
         "aircraft": [one.aircraft or _FLEET for one in events],
-        "event": [_KINDS[one.kind] for one in events],
+        "event": [WORDS[one.kind] for one in events],
         "size": map(_event_size, events),
         "noticed": [one.noticed for one in events],
         "": ["new" if number < new else "" for number in range(len(events))],

@@ -162,9 +162,9 @@ def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
     checks, lines = [], ["Permutation test over aircraft: too few aircraft."]
     if by_aircraft := field_test.get("by_aircraft"):
         checks.append(show("field_test_checks", _each_aircraft_figure(by_aircraft)))
-    permutation = field_test.get("permutation") or {}
-    if permutation.get("null_effects_kt"):
-        lines = [f"Permutation test over aircraft: p value {permutation['p_value']:.3g}."]
+    p_value = (field_test.get("permutation") or {}).get("p_value")
+    if p_value is not None and np.isfinite(p_value):
+        lines = [f"Permutation test over aircraft: p value {p_value:.3g}."]
     for part, key, words in _CHECKS:
         if (value := (field_test.get(part) or {}).get(key)) is not None:
             lines.append(words.format(f"{value:+.2f} kt"))
