@@ -1,5 +1,7 @@
 """The page of a gap diagnosis: headline, words, every section, and what a file may lack."""
 
+import re
+
 import numpy as np
 import pytest
 from markupsafe import escape
@@ -95,10 +97,10 @@ def test_parameters_carry_their_unit_and_95_percent_interval(name, value, error,
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_descriptions_of_effects_are_sentences_without_code_names(name):
-    _, physics, smaller = words.nature_of(name) or ("", "", [])
-    assert smaller and words.nature_of("of_another_version") is None
-    for part in (physics, *(line or "." for line in smaller)):
-        assert part.endswith(".") and "_" not in part and ".." not in part
+    text = words.nature_of(name)
+    assert text.count("<span") == 2 and not words.nature_of("of_another_version")
+    for part in filter(str.strip, re.split("<[^>]*>", text)):
+        assert part.rstrip().endswith(".") and "_" not in part and ".." not in part
 
 
 def full():

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from airswing.handover.forecasts.correcting import FORECASTS, METHODS, SCORES, TIME
+from airswing.handover.forecasts.correcting import METHODS, SCORES, TIME
 from airswing.products.whole_files import write_text
 from airswing.report import html
 from airswing.report.html import Look, amount, plural
@@ -27,7 +27,6 @@ NAMES = {
     "kalman": "Kalman filter",
     "running_mean": "running mean",
 }
-LONGEST = 120  # starts shown in a time series
 _PERIODS = {"held_out": "held out", "all": "all days"}
 
 
@@ -44,10 +43,6 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
         parts.append(html.heading(_plain(variable)))
         if corrected.sizes["lead"] > 1:
             parts.append(show("leads", _by_lead_figure(corrected, variable)))
-        # the station with the highest skill of the filter, or the first if none is known
-        gain = corrected["skill_by_station"].sel(variable=variable, correction="kalman")
-        place = int(np.argmax(gain.fillna(-np.inf).to_numpy()))
-        parts.append(show("series", _time_line_figure(corrected, variable, place)))
         if corrected.sizes["station"] > 1:
             parts.append(show("stations", _stations_figure(corrected, variable)))
     text = html.document(
@@ -57,7 +52,7 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
         facts=[*facts, (f"{pairs:,}", "pairs")],
         sections=[
             _scores_section(corrected),
-            html.Section("figures", "Before and after", "", parts),
+            html.Section("figures", "By lead and station", "", parts),
             _notes_section(corrected),
         ],
         footer=f"airswing {__version__}. Intervals are 95 %, by blocks of start days.",
@@ -154,38 +149,6 @@ def _by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
     return figure.say(
         f"{_plain(variable)}: scores by lead on the days held out, 95 % intervals by days "
         f"(n = {plural(int(chosen['pair_count']), 'pair')} of forecast and observation)."
-    )
-
-
-def _time_line_figure(corrected: xr.Dataset, variable: str, station: int) -> Figure:
-    chosen = corrected.sel(variable=variable).isel(
-        {"station": station, TIME: slice(-LONGEST, None)}
-    )
-    figure, axes = html.panels(2.8)
-    starts, known, sizes = chosen[TIME].to_numpy(), 0, [np.zeros(1)]
-    for index, method in enumerate(METHODS):
-        error = chosen[FORECASTS[method]] - chosen["observation"]
-        mean, known = error.mean("lead").to_numpy(), int(error.notnull().sum())
-        sizes.append(np.abs(mean[np.isfinite(mean)]))
-        look = html.series(index, markersize=3, linewidth=1.2, label=NAMES[method])
-        axes.plot(starts, mean, **look)
-    judged = chosen["held_out"].to_numpy().astype(bool)
-    if judged.any() and not judged.all():
-        first, look = starts[judged][0], Look(color=html.SOFT, fontsize=8.5, va="top")
-        axes.axvline(first, color=html.SOFT, linewidth=1.0, linestyle="--")
-        axes.annotate(" held out", (first, 1.0), xycoords=("data", "axes fraction"), **look)
-    html.zero_line(axes, across=True)
-    every = np.concatenate(sizes)
-    # Single gross errors are clipped.
-    top = 3.0 * float(np.percentile(every, 90.0))
-    if 0.0 < top < every.max():
-        axes.set_ylim(-top, top)
-    axes.set_ylabel(_with_unit("mean error of a start", corrected, variable))
-    axes.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
-    figure.autofmt_xdate(rotation=0, ha="center")
-    return figure.say(
-        f"{_plain(variable)} at station {chosen['station'].item()}: error of each start, mean over "
-        f"leads (n = {plural(known, 'pair')}). Left of the dashed line the ratio was chosen."
     )
 
 

@@ -65,21 +65,16 @@ def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path
     closure = gap.closure
     before, after = closure.before, closure.after
     interval, reduction = (html.range_text(ends) for ends in (closure.ci, closure.reduction_ci))
+    flights = f"on {'held-out' if closure.held_out else 'the same'} flights"
     facts = [(f"{before:.2f} kt", "disagreement of reports and simulation")]
     if gap.effects or gap.unknown.where:
         facts = [
-            (words.levels_text(before, after), f"with the effects found{interval}"),
+            (words.levels_text(before, after), f"with the effects found{interval}, {flights}"),
             (closure_text(closure).split(" (")[0], f"reduction{reduction}"),
         ]
     if math.isfinite(floor := gap.gap.noise_floor_kt):
         facts.append((f"{floor:.2f} kt", "noise floor"))
     p_value = p_text(gap.gap.significance).removeprefix("= ")
-    first, last = (amount(value, unit="kt") for value in (before, after))
-    closes = (
-        f"On {'held-out' if closure.held_out else 'the same'} flights the disagreement is "
-        f"{first} without and {last}{interval or ' (no interval from one day)'} with all effects "
-        "stated."
-    )
     text = html.document(
         title="airswing: gap between real and simulated reports",
         kicker="Gap between real and simulated reports",
@@ -87,7 +82,7 @@ def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path
         facts=[*facts, (p_value, "p value of the gap")],
         sections=[
             _what_section(gap, drawn),
-            html.Section("closure", "How far the gap closes", "", [*drawn("waterfall"), closes]),
+            html.Section("closure", "How far the gap closes", "", drawn("waterfall")),
             _where_section(gap, drawn),
             _ambiguous_section(gap),
             _claims_section(gap),
@@ -137,7 +132,7 @@ def _what_section(gap: GapReport, drawn: _Drawn) -> html.Section:
             each.append(row | {"parameters": words.parameters_text(entry)})
     single = html.table(each, words=["aircraft"], long=("effect", "parameters"))
     known = dict.fromkeys(effect.name for effect in effects)
-    physics = [html.described(*nature) for name in known if (nature := words.nature_of(name))]
+    physics = [text for name in known if (text := words.nature_of(name))]
     parts += words.caution_lines(gap)
     parts.append(html.folded("Parameters of each aircraft", single))
     parts.append(html.folded("Physics of the effects found", html.listing(physics)))

@@ -11,6 +11,7 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
+from markupsafe import Markup
 
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import (
@@ -85,11 +86,11 @@ def p_text(value: float | None) -> str:
     return "unknown" if math.isnan(found) else "< 1e-06" if found < 1e-6 else f"= {found:.2g}"
 
 
-def nature_of(name: str) -> tuple[str, str, list[str]] | None:
-    """Return title and physics of an effect of the catalogue, and its source and confusions."""
+def nature_of(name: str) -> Markup:
+    """Return title, physics, source and confusions of an effect of the catalogue, else nothing."""
     effect = CATALOGUE.get(name)
     if effect is None:
-        return None
+        return Markup()
     hints = []
     for hint in effect.confused_with:
         names, _, when = hint.partition(": ")
@@ -97,7 +98,8 @@ def nature_of(name: str) -> tuple[str, str, list[str]] | None:
         hints.append(" or ".join(others) + (f" ({when})" if when else ""))
     confused = f"Easily confused with {'; '.join(hints)}." if hints else ""
     title = f"{capital(plain_name(name))} ({effect.title})."
-    return title, effect.physics, [f"Source: {effect.source}", confused]
+    text = '<b>{}</b> {}<span class="small">Source: {}</span><span class="small">{}</span>'
+    return Markup(text).format(title, effect.physics, effect.source, confused)
 
 
 def parameters_text(effect: EffectEntry | TailEntry, brief: bool = False) -> str:

@@ -377,12 +377,6 @@ def listing(items: Iterable[object]) -> Markup:
     return Markup('<ul class="plain">{}</ul>').format(inside) if inside else inside
 
 
-def described(title: str, text: str, smaller: Iterable[str]) -> Markup:
-    """Return a bold title, a text, and smaller lines below it (empty ones are omitted)."""
-    lines = (Markup('<span class="small">{}</span>').format(line) for line in smaller if line)
-    return Markup("<b>{}</b> {}{}").format(title, text, Markup("").join(lines))
-
-
 def link(address: str, text: str) -> Markup:
     """Return a link to a relative address."""
     return Markup('<a href="{}">{}</a>').format(address, text)

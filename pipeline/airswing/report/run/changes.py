@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
@@ -28,14 +27,6 @@ from airswing.version import __version__
 FEWEST_AIRCRAFT, MOST_AIRCRAFT = 2, 10
 _MOST_EVENTS, _MOST_STATES = 60, 200
 _FLEET = "all aircraft at once"
-
-
-def date_axis(axes: Axes) -> None:
-    """Make the x axis one of dates (days since 1970), with few ticks."""
-    axes.xaxis_date()
-    locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
 
 
 def days_since_1970(days: ArrayLike) -> NDArray[np.float64]:
@@ -79,7 +70,11 @@ def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Fig
         panels[0].set_ylabel(name)
     for axes, (quantity, _) in zip(grid[0], looks, strict=True):
         axes.set_title(f"{quantity} (degree)")
-    date_axis(grid[-1, 0])
+    axis = grid[-1, 0].xaxis
+    axis.axis_date()
+    locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
+    axis.set_major_locator(locator)
+    axis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     text = (
         f"Fits by {stability['window']} with 95 % intervals (n = "
         f"{plural(len(aircraft), 'aircraft')}); orange line and band: date of a change of the "

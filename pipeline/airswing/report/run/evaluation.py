@@ -317,11 +317,7 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
         {
             "three references": ", ".join(entry["references"]),
             "reference": corner["reference"],
-            "error of a component (kt rms)": (
-                "negative variance"
-                if corner.get("component_rms") is None
-                else corner["component_rms"] / KNOT
-            ),
+            "error of a component (kt rms)": float(corner["component_rms"] or np.nan) / KNOT,
             "reports": int(entry["reports"]),
         }
         for entry in sensitivity.get("three_way") or []
@@ -329,7 +325,7 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
     ]
     note = (
         "Three-cornered hat. It assumes independent errors of the three references; references "
-        "that assimilate the same reports get too small an error."
+        "that assimilate the same reports get too small an error, or a negative variance (-)."
     )
     if corners:
         details.append(html.heading("Error of each reference"))
