@@ -443,6 +443,16 @@ def through_points(frame: Frame, latitude: Floats, longitude: Floats) -> AxesGri
     return AxesGrid(frame, columns, rows) if off < _SAME_POINTS else None
 
 
+def grid_of_points(latitude: Floats, longitude: Floats, turned: Floats | None = None) -> Grid:
+    """Grid of the latitude and longitude (nj, ni; degrees) of every point.
+
+    An `AxesGrid` where rows are parallels and columns meridians, else a `PointsGrid`.
+    """
+    if (latitude == latitude[:, :1]).all() and (longitude == longitude[:1]).all():
+        return AxesGrid(LONGITUDE_LATITUDE, longitude[0], latitude[:, 0])
+    return PointsGrid(latitude, longitude, turned=turned, wind_along_grid=True)
+
+
 def are_shifted(one: Grid, other: Grid) -> bool:
     """Whether two grids cover the same area with points at most about a grid length apart.
 

@@ -200,7 +200,7 @@ def _at_address(address: str, progress: Progress) -> Iterator[None]:
         raise InputError(
             "the dask scheduler or its workers were lost, most likely out of memory",
             field="scheduler",
-            found=f"{address}: {err}",
+            found=f"{address}: {type(err).__name__}",
             remedy=f"Give each worker more memory or fewer threads, start them again, {_AGAIN}",
         ) from err
 

@@ -118,7 +118,6 @@ LIES = [
     ("gridded NetCDF-3", lambda file: file["time"].setncattr("units", "days since 0-0-0")),
     ("wrfout", lambda file: file.setncattr("MAP_PROJ", "round")),
     ("wrfout", lambda file: file["XLAT"].__setitem__((0, 4, 5), np.nan)),
-    ("wrfout", lambda file: file.setncattr("DX", "furlongs")),
 ]
 
 

@@ -32,9 +32,9 @@ from airswing.reference.grids import (
     Frame,
     Grid,
     Ints,
-    PointsGrid,
     UnplaceableGridError,
     frame_of,
+    grid_of_points,
     through_points,
 )
 from airswing.units import MODEL_EARTH_RADIUS
@@ -216,10 +216,7 @@ def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
                 found=str(naming.projection),
                 remedy="Correct or remove it: the points' latitudes and longitudes are enough",
             )
-        # two-dimensional coordinates of a plain grid
-        if laid is None and (lat == lat[:, :1]).all() and (lon == lon[:1]).all():
-            laid = AxesGrid(LONGITUDE_LATITUDE, lon[0], lat[:, 0])
-        return laid or PointsGrid(lat, lon)
+        return laid or grid_of_points(lat, lon)
     if min(axes.y.size, axes.x.size) < 2:
         found = f"{axes.y.size} x {axes.x.size}"
         raise InputError("a grid of a single row or column", field=name, found=found)
@@ -230,7 +227,7 @@ def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
         frame = frame_of(axes.crs, field="grid mapping")
     elif _is_projected(axes, units):
         if points := _points(ds, axes):
-            return PointsGrid(points["latitude"], points["longitude"])
+            return grid_of_points(points["latitude"], points["longitude"])
         raise InputError(
             "coordinates of a projection that is not given",
             field="projection",

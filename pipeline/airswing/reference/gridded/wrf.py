@@ -3,9 +3,8 @@
 U and V (met_em: UU, VV) are staggered (Arakawa C) and point along the grid; at a mass point the
 mean of the two neighbours counts, as in wrf-python. Pressure (Pa) is P + PB on model levels, PRES
 on those of met_em, whose first level is the ground and is left out; P_PL, or PRES by level alone,
-are isobaric levels. The grid is that of MAP_PROJ on WRF's sphere through the first mass point (WRF
-share/module_llxy.F); if the last differs by more than a tenth of a grid length, and for rotated
-latitudes and longitudes, that of XLAT and XLONG at every point.
+are isobaric levels. The grid is that of XLAT and XLONG at every point, and its direction that of
+SINALPHA and COSALPHA where they are there.
 """
 
 from __future__ import annotations
@@ -19,11 +18,8 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.reference.gridded.naming import factor_of
-from airswing.reference.grids import LONGITUDE_LATITUDE, AxesGrid, Floats, Frame, Grid, PointsGrid
+from airswing.reference.grids import Floats, Grid, grid_of_points
 
-RADIUS = 6370000.0  # WRF's earth (share/module_llxy.F, EARTH_RADIUS_M), m
-_MISS = 0.1  # grid lengths by which the last point of the projection may differ from the file's
-_SAME_ANGLE = 1e-3  # rad by which the file's direction may differ from the projection's
 Y, X = "south_north", "west_east"
 _PLACES = (("XLAT", "XLONG"), ("XLAT_M", "XLONG_M"))
 _WINDS = (("U", "V"), ("UU", "VV"), ("U_PL", "V_PL"), ("ua", "va"))
@@ -147,55 +143,8 @@ def _grid(ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray) -> Grid:
     if {"SINALPHA", "COSALPHA"} <= set(ds.variables):
         # WRF: u_e = cos u - sin v; the angle here turns the other way
         turned = np.asarray(np.arctan2(-_floats(ds["SINALPHA"]), _floats(ds["COSALPHA"])))
-    frame, ends, apart = _frame(ds), [0, -1], 0.0
-    grid = None if frame is None else _laid(frame, ds, lat, lon)
-    if grid is not None and turned is not None:
-        ours = grid.convergence(*(_floats(one[ends, ends]).ravel() for one in (lat, lon)))
-        apart = np.abs(np.sin(ours - turned[np.ix_(ends, ends)].ravel())).max()
-    if grid is not None and apart < _SAME_ANGLE:
-        return grid
-    return PointsGrid(_floats(lat), _floats(lon), turned=turned, wind_along_grid=True)
+    return grid_of_points(_floats(lat), _floats(lon), turned)
 
 
 def _floats(one: xr.DataArray) -> Floats:
     return np.asarray(one.values, dtype=np.float64)
-
-
-def _frame(ds: xr.Dataset) -> Frame | None:
-    """The projection by a file's attributes; None if it is not one of WRF's plain ones."""
-    kind = int(np.ravel(ds.attrs["MAP_PROJ"])[0])
-
-    def of(name: str, default: float = 0.0) -> float:
-        return float(np.ravel(ds.attrs.get(name, default))[0])
-
-    one, two, stand = of("TRUELAT1"), of("TRUELAT2"), of("STAND_LON")
-    sphere = f"+lon_0={stand!r} +R={RADIUS!r} +units=m +no_defs"
-    if kind == 1:
-        two = two if abs(two) <= 90.0 else one  # WRF writes 1e20 for an absent second parallel
-        proj = f"+proj=lcc +lat_1={one!r} +lat_2={two!r} +lat_0={one!r} {sphere}"
-        return Frame("projected", proj)
-    if kind == 2:
-        pole = 90.0 if one >= 0 else -90.0
-        return Frame("projected", f"+proj=stere +lat_0={pole!r} +lat_ts={one!r} {sphere}")
-    if kind == 3:
-        return Frame("projected", f"+proj=merc +lat_ts={one!r} {sphere}")
-    if kind == 6 and of("POLE_LAT", 90.0) == 90.0:
-        return LONGITUDE_LATITUDE
-    return None
-
-
-def _laid(frame: Frame, ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray) -> AxesGrid | None:
-    """The projection's grid through the first point; None if the corners differ."""
-    (nj, ni), ends = lat.shape, np.array([0, -1])
-    x, y = frame.xy(*(_floats(one[ends, ends.tolist()]).ravel() for one in (lat, lon)))
-    if frame.meridional:
-        row, column = _floats(lon[0]), _floats(lat[:, 0])
-        grid = AxesGrid(frame, np.unwrap(row, period=360.0), column, wind_along_grid=True)
-        same = np.allclose([row[ends]] * 2, _floats(lon[ends, ends.tolist()]), atol=1e-3)
-        return grid if same else None
-    dx, dy = (float(np.ravel(ds.attrs[name])[0]) for name in ("DX", "DY"))
-    grid = AxesGrid(
-        frame, x[0] + dx * np.arange(ni), y[0] + dy * np.arange(nj), wind_along_grid=True
-    )
-    misses = np.hypot((x - grid.x[[0, -1, 0, -1]]) / dx, (y - grid.y[[0, 0, -1, -1]]) / dy)
-    return grid if float(misses.max()) < _MISS else None
