@@ -44,7 +44,7 @@ _FULL_CIRCLE = 1e-2  # columns by which the span of a full circle may differ fro
 _NORTH_STEP = 1e-4  # degrees, half the step towards north that gives a grid's direction
 _SAME_POINTS = 1e-2  # grid lengths by which points may differ from the axes of a projection
 _OUTLINE_POINTS = 60  # along each axis
-_NEWTON_STEPS = 12  # 3 to 5 are enough in any cell that is not folded
+_NEWTON_STEPS, _EXACT = 12, 1e-9  # most steps, and the size (cells) of the last one
 _NEIGHBOUR_STEPS = 6  # neighbouring cells searched from the nearest point
 _LOCAL = threading.local()  # a Proj belongs to the thread that made it
 
@@ -375,16 +375,16 @@ class PointsGrid(Grid):
         j, i = np.divmod(nearest, self.ni)
         i, j = np.clip(i, 0, self.ni - 2), np.clip(j, 0, self.nj - 2)
         for _ in range(_NEIGHBOUR_STEPS):
+            before = i, j
+            s, t = self._in_cell(i, j, target)
             over_i, over_j = (
                 np.clip(np.floor(np.nan_to_num(part, posinf=0.0)), -3, 3).astype(np.int64)
-                for part in self._in_cell(i, j, target)
+                for part in (s, t)
             )
-            before = i, j
             i, j = np.clip(i + over_i, 0, self.ni - 2), np.clip(j + over_j, 0, self.nj - 2)
             if np.array_equal((i, j), before):
                 break
-        s, t = self._in_cell(i, j, target)
-        fi[known], fj[known] = i + s, j + t
+        fi[known], fj[known] = before[0] + s, before[1] + t
         return fi, fj
 
     def _in_cell(self, i: Ints, j: Ints, target: Floats) -> tuple[Floats, Floats]:
@@ -407,6 +407,8 @@ class PointsGrid(Grid):
                 step_t = (a * y - c * x) / determinant
             # at most two cells a step: a longer one may jump past the place and not return
             s, t = s - np.clip(step_s, -2.0, 2.0), t - np.clip(step_t, -2.0, 2.0)
+            if np.abs([step_s, step_t]).max() < _EXACT:
+                break
         far = (target * (p00 + p11)).sum(1) <= 0.0  # the other side of the earth
         return np.where(far, np.inf, s), np.where(far, np.inf, t)
 
