@@ -519,35 +519,27 @@ class _Work:
         return replace(everything.at_times(best), alternatives=tuple(others))
 
     def _no_winds(self, profiles: Table) -> InputError:
-        where, skipped, first = f"references.{self.name}", self.skipped, self.sources[0].path
+        what = f"no wind on pressure levels that can be used in {len(self.sources)} file(s)"
+        remedy = (
+            "u and v are needed at the same levels, on a grid that the file defines: Lambert, polar "
+            "stereographic, Mercator, Gaussian, or regular or rotated latitude/longitude"
+        )
+        reasons: Counter[str] = Counter()
+        for one in self.skipped:
+            reasons[f"{one['what']}: {one['reason']}"] += one["count"]
+        found = "; ".join(f"{why} ({n})" for why, n in reasons.most_common(4))
         if profiles.size:
             members, leads = (np.unique(profiles[key]).tolist() for key in ("member", "lead"))
-            what = f"no wind meets the lead condition {self.lead!r}"
+            asked = "any" if self.member is None else self.member
+            what = f"no wind of ensemble member {asked} meets the lead condition {self.lead!r}"
             found = "leads " + ", ".join(f"{lead / 3600:g} h" for lead in leads)
+            found += "; members " + ", ".join(map(str, members))
             remedy = "Choose one of those found: keys `lead` and `member` of the reference"
-            if self.member is not None and self.member not in members:
-                what = f"no wind of ensemble member {self.member}"
-                found = "members " + ", ".join(map(str, members))
-            return InputError(what, field=where, found=found, remedy=remedy)
-        if {one["reason"] for one in skipped} == {"no whole GRIB message"}:
-            what = "no whole GRIB message in it, and neither NetCDF nor Zarr"
-            remedy = "It is damaged, still being written, or of a kind that holds no model winds"
-            return InputError(what, file=first, field=where, remedy=remedy)
-        reasons: Counter[str] = Counter()
-        for one in skipped:
-            reasons[f"{one['what']}: {one['reason']}"] += one["count"]
-        frequent = "; ".join(f"{why} ({n})" for why, n in reasons.most_common(4))
-        remedy = "u and v are needed at the same levels, on a grid that is defined in the file"
-        if any(one["what"] == "grid" for one in skipped):
-            remedy = (
-                "Known grids are Lambert, polar stereographic, Mercator, Gaussian, and regular or "
-                "rotated latitude/longitude: use the same model's files on one of them"
-            )
         return InputError(
-            f"no wind on pressure levels that can be used in {len(self.sources)} file(s)",
-            file=first if len(self.sources) == 1 else None,
-            field=where,
-            found=frequent or "no u or v at all",
+            what,
+            file=self.sources[0].path if len(self.sources) == 1 else None,
+            field=f"references.{self.name}",
+            found=found or "no u or v at all",
             remedy=remedy,
         )
 

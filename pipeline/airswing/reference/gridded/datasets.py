@@ -1,9 +1,9 @@
 """Model files as lazy Datasets (NetCDF, WRF, Zarr, GRIB through cfgrib), and values at points.
 
-Leads remain numbers with their units. Winds in a group of a NetCDF file are read if only one group
-holds winds. GRIB that the header scanner does not know is read by cfgrib in a worker process
-(`airswing.guarded`), which may end: its values are then missing, or the file cannot be opened. Each
-variable is opened separately; the coefficients of native levels come from the messages' pv section.
+Leads remain numbers with their units. GRIB that the header scanner does not know is read by cfgrib
+in a worker process (`airswing.guarded`), which may end: its values are then missing, or the file
+cannot be opened. Each variable is opened separately; the coefficients of native levels come from
+the messages' pv section.
 
 Values are read chunk by chunk along time, member and level for several model times at once; of
 rows and columns the box around all points is read. So no chunk is decompressed twice for one batch.
@@ -27,14 +27,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from airswing.config import Naming
 from airswing.errors import InputError
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.damaged_netcdf import require_sound
 from airswing.reference.files import Reader, SourceFile, is_url, local_path
 from airswing.reference.grib.grid_sections import MAX_POINTS
 from airswing.reference.grib.headers import LENGTHS, GarbageError, single_fields, whole_messages
-from airswing.reference.gridded.naming import components
 from airswing.reference.gridded.wrf import is_wrf
 from airswing.reference.grids import Floats
 from airswing.reference.state import grib_statistic
@@ -95,23 +93,16 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
     local = local_path(path)
     require_sound(Path(local))
 
-    def read(group: str | None) -> xr.Dataset:
-        options: dict[str, Any] = {"group": group, "engine": "netcdf4"}
-        options |= {"decode_timedelta": False, "cache": False}
-        plain = xr.open_dataset(local, decode_times=False, **options)
-        if engine == "wrf":
-            if not is_wrf(plain):
-                raise InputError("is not a file of WRF", file=path, remedy="Give engine: netcdf")
-            return plain
-        units = {key: str(one.attrs.get("units")) for key, one in plain.variables.items()}
-        julian = [key for key in units if re.match(r"days since -471[23]\b", units[key])]
-        if not julian:
-            return xr.open_dataset(local, **options)
-        for key in julian:  # cftime and others count years before Christ in several ways
-            plain[key].attrs = {"units": "julian day"}
-        return xr.decode_cf(plain, mask_and_scale=False, decode_timedelta=False)
-
-    root = read(None)
+    options: dict[str, Any] = {"engine": "netcdf4", "decode_timedelta": False, "cache": False}
+    root = xr.open_dataset(local, decode_times=False, **options)
+    if engine == "wrf" and not is_wrf(root):
+        raise InputError("is not a file of WRF", file=path, remedy="Give engine: netcdf")
+    units = {key: str(one.attrs.get("units")) for key, one in root.variables.items()}
+    julian = [key for key in units if re.match(r"days since -471[23]\b", units[key])]
+    for key in julian:  # cftime and others count years before Christ in several ways
+        root[key].attrs = {"units": "julian day"}
+    if engine != "wrf":
+        root = xr.decode_cf(root, mask_and_scale=False, decode_timedelta=False)
     with netCDF4.Dataset(local) as file:
         groups = _groups(file)
     root.encoding["airswing_copy"] = local
@@ -124,23 +115,15 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
         )
     if engine == "wrf" or root.data_vars:
         return root
-    groups = [g for g in groups if components(read(g), Naming())]
-    if not groups:
-        return root
-    if len(groups) > 1:
+    if groups:
         raise InputError(
-            "winds in several groups of a NetCDF file",
+            "all variables are in groups of the NetCDF file",
             file=path,
             found=", ".join(groups),
             remedy=f"Open one with xarray.open_dataset(path, group={groups[0]!r}) and give the "
             "Dataset",
         )
-    found = read(groups[0])
-    found.encoding["airswing_copy"] = local
-    outer = root.drop_vars([name for name in root.variables if name in found.variables])
-    found = found.assign_coords({str(k): v for k, v in outer.coords.items()})
-    found.encoding[NOTES] = [f"winds of the group {groups[0]}"]
-    return found
+    return root
 
 
 def _groups(group: Any) -> list[str]:
