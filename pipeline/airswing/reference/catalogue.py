@@ -521,8 +521,8 @@ class _Work:
     def _no_winds(self, profiles: Table) -> InputError:
         what = f"no wind on pressure levels that can be used in {len(self.sources)} file(s)"
         remedy = (
-            "u and v are needed at the same levels, on a grid that the file defines: Lambert, polar "
-            "stereographic, Mercator, Gaussian, or regular or rotated latitude/longitude"
+            "u and v are needed at the same levels, on a grid that the file defines: Lambert, "
+            "polar stereographic, Mercator, Gaussian, or regular or rotated latitude/longitude"
         )
         reasons: Counter[str] = Counter()
         for one in self.skipped:
