@@ -2,8 +2,6 @@
 
 import json
 import re
-import shutil
-import subprocess
 
 import matplotlib
 import numpy as np
@@ -180,50 +178,6 @@ def test_heading_error_figure_draws_the_fit_and_the_table():
     shown = {line.get_label() for line in refused.axes[0].get_lines()}
     assert "fit, not usable" in shown and "removed by the 8-point table" not in shown
     assert "poor heading coverage" in refused.caption
-
-
-DOM = """
-const given = JSON.parse(require("fs").readFileSync(0, "utf8")), heads = given.heads.map(words => ({
-  classList: {contains: name => name === "words" && words}, style: {}, addEventListener() {}}));
-const rows = given.rows.map(cells => ({cells: cells.map(textContent => ({textContent}))}));
-const field = {addEventListener(kind, act) { this.act = act; }};
-const table = {tBodies: [{rows}], tHead: {rows: [{cells: heads}]},
-  parentNode: {parentNode: {insertBefore() {}}}};
-globalThis.addEventListener = () => {};
-globalThis.document = {createElement: () => field,
-  querySelectorAll: what => what === "table.sortable" ? [table] : []};
-eval(given.script);
-console.log(JSON.stringify(given.wanted.map(text => { field.value = text; field.act();
-  return rows.filter(row => !row.hidden).map(row => row.cells[0].textContent); })));
-"""
-
-
-@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
-def test_the_search_finds_names_and_statuses_and_no_numbers(tmp_path, monkeypatch):
-    """By the page's script on the table's cells."""
-    monkeypatch.setattr(page, "PANELS", 1)
-    headings, fits = factories.few(30, 40)
-    text = report.write_page(tmp_path, headings=headings, fits=fits).read_text("utf-8")
-    script, head, body = (
-        re.search(rf"<{one}>(.*?)</{one}>", text, re.DOTALL).group(1)
-        for one in ("script", "thead", "tbody")
-    )
-    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in body.split("<tr")[1:]]
-    names = [cells[0] for cells in rows]
-    given = {
-        "heads": ['class="words"' in one for one in head.split("<th ")[1:]],
-        "rows": rows,
-        "script": script,
-        "wanted": ["12", "n40", "coverage", ""],
-    }
-    ran = subprocess.run(
-        ["node", "-e", DOM], input=json.dumps(given), capture_output=True, text=True, check=True
-    )
-    digits, begin, status, every = json.loads(ran.stdout)
-    assert digits == [name for name in names if "12" in name]
-    assert begin == [name for name in names if name.startswith("N40")]
-    assert status == [cells[0] for cells in rows if "coverage" in cells[-1]] and status
-    assert every == names
 
 
 @pytest.mark.parametrize(

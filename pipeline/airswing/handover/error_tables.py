@@ -58,8 +58,7 @@ def write_obs_errors(request: Request) -> dict[str, Any]:
     codes = set(platforms(request).tolist())
     tamdar = PLATFORMS.index("TAMDAR")
     types = ["TAMDARS"] * (tamdar in codes) + ["AIREPS"] * bool(codes - {tamdar})
-    known = known_errors(request, required=True)
-    assert known is not None
+    known = known_errors(request)
     targets = {"all": request.path}
     if request.folder:
         measured = known["observation_error"].notnull().any("layer").to_numpy()
@@ -191,8 +190,7 @@ def write_jedi(request: Request) -> dict[str, Any]:
 
 def _error_rows(request: Request, written: dict[str, str]) -> list[str]:
     """Rows of station, pressure (Pa) and error variance, those of all other stations first."""
-    known = known_errors(request, required=True)
-    assert known is not None
+    known = known_errors(request)
     base = base_variance(known, "all")[::-1]
     pressure = 0.5 * (known["layer_bottom_pressure"] + known["layer_top_pressure"]).to_numpy()[::-1]
     errors = WindErrors(request, selected_rows(request).rows, known)

@@ -30,13 +30,11 @@ LEAST = 0.5  # m/s: coding in whole knots and degrees causes 0.4 m/s at a wind o
 LEAST_SHARE = 0.25  # least variance of a report as a share of the base variance
 
 
-def known_errors(request: Request, *, required: bool = False) -> xr.Dataset | None:
-    """``observation_errors.nc`` of the run, for the winds to export; None where it is absent.
+def known_errors(request: Request, *, required: bool = True) -> xr.Dataset:
+    """``observation_errors.nc`` of the run, for the winds to export.
 
-    InputError if it is another product, or ``required`` and absent or without any known error.
+    InputError if it is absent or another product, or ``required`` and without any known error.
     """
-    if not required and (request.products is None or not (request.products / ERRORS).exists()):
-        return None
     why = "it holds the errors to write"
     with product_of_run(request, "observation_errors", why=why) as product:
         known = product.load()

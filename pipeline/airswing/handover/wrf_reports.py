@@ -181,7 +181,9 @@ LEAST_ERROR, LARGEST_ERROR = 0.01, 999.99
 
 def write_ob_ascii(request: Request) -> dict[str, Any]:
     """Write reports for WRFDA."""
-    selected, known = selected_rows(request), known_errors(request)
+    selected, known = selected_rows(request), None
+    if request.products is not None and (request.products / ERRORS).exists():
+        known = known_errors(request, required=False)
     errors = WindErrors(request, selected.rows, known)
 
     def columns(rows: Rows, platform: NDArray[np.int8]) -> Columns:

@@ -41,7 +41,7 @@ from airswing.evaluation.monitoring.fleet_watch import COMPASS, WIND, watch_flee
 from airswing.evaluation.monitoring.step_test import LONGEST, Step
 from airswing.flags import is_corrected, published
 from airswing.products.whole_files import write_json
-from airswing.units import KNOT
+from airswing.units import KNOT, NORMAL_95
 
 VERSION = 2
 NAMED = 20  # most aircraft of a list that the text names; the file names all
@@ -82,21 +82,26 @@ class Event:
     evidence: dict[str, Any]
 
     @property
+    def details(self) -> str:
+        """Size of a change with its 95 % interval, or length of a silence."""
+        found = self.evidence
+        if "factor" in found:
+            half = NORMAL_95 * found["standard_error"]
+            return f"{found['factor']:.2f} ± {half:.2f} times the past disagreement"
+        if "curve_rms_deg" in found:
+            offset, half = (found[key]["A"] for key in ("change_deg", "standard_error_deg"))
+            offset_text = f"offset {offset:+.1f} ± {NORMAL_95 * half:.1f}"
+            return f"by {found['curve_rms_deg']:.1f} degrees rms, {offset_text}"
+        if "days" in found:
+            return f"no report for {found['days']} days; up to {found['usual_days']} is usual"
+        return ""
+
+    @property
     def line(self) -> str:
         """The event in one line."""
-        found, details = self.evidence, ""
-        if self.kind == "aircraft_silent":
-            usual = f"up to {found['usual_days']} is usual"
-            details = f" (no report for {found['days']} days; {usual})"
-        elif self.kind != "aircraft_new":
-            if "factor" in found:
-                change = f"wind disagreement {found['factor']:.2f} times that of the past"
-            else:
-                offset = found["change_deg"]["A"]
-                change = f"by {found['curve_rms_deg']:.1f} degrees rms, offset {offset:+.1f}"
-            low, high = found["date_ci"]
-            between = f", between {low} and {high}" if low != high else ""
-            details = f" ({change}{between}; noticed {self.noticed})"
+        details, (low, high) = self.details, self.evidence.get("date_ci", ("", ""))
+        details += f", between {low} and {high}" if low != high else ""
+        details = f" ({details}; noticed {self.noticed})" if details else ""
         return f"{self.date}  {self.aircraft or 'fleet'}: {WORDS[self.kind]}{details}"
 
 

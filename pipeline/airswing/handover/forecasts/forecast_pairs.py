@@ -47,7 +47,6 @@ VARIABLES = {  # by short name; other names are kept
 LEAD_HOURS = 24.0  # lead of pairs at flight levels: the bias of a day is known on the next
 _VALUES = ("forecast", "observation")
 _KEYS = ["variable", "station", TIME, "lead"]
-_MISSING = ["-999", "-999.0", "-999.00", "NA", "nan", "NaN", "null", ""]
 _COMMENT = re.compile(r"#\s*(variable|units)\s*:\s*(.*?)\s*$", re.IGNORECASE)
 # A time outside this range is a number misread as a date.
 _FIRST, _LAST = np.datetime64("1900-01-01"), np.datetime64("2200-01-01")
@@ -118,13 +117,11 @@ def column(table: pd.DataFrame, names: Sequence[str], *, file: Path) -> pd.Serie
 
 
 def numbers(values: pd.Series | None, index: pd.Index) -> Floats:
-    """Read numbers; NaN where missing, over 1e30 (fill values), not a number, or no column."""
+    """Read numbers; NaN where -999 or over 1e30 (fill values), not a number, or no column."""
     if values is None:
         return np.full(len(index), np.nan)
-    text = values.str.strip()
-    read = pd.to_numeric(text.where(~text.isin(_MISSING)), errors="coerce")
-    found = read.to_numpy(dtype=np.float64)
-    return np.where(np.abs(found) < 1e30, found, np.nan)
+    read = pd.to_numeric(values.str.strip(), errors="coerce").to_numpy(dtype=np.float64)
+    return np.where((np.abs(read) < 1e30) & (read != -999.0), read, np.nan)
 
 
 def times(values: pd.Series) -> Times:

@@ -329,8 +329,8 @@ def table(
     """Return a table of columns by title, or of rows with cells by title; a caption below it.
 
     Columns of text are `words`, or `long` where lines wrap. Numbers get two decimals or, if whole,
-    commas; None and NaN are dashes. Rows in `doubt` are printed in grey italics. A long sortable
-    table can be searched. Nothing is returned where there is no row.
+    commas; None and NaN are dashes. Rows in `doubt` are printed in grey italics. Nothing is
+    returned where there is no row.
     """
     if isinstance(content, Mapping):
         titles, rows = list(content), list(zip(*content.values(), strict=True))

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from airswing.evaluation import Content
-from airswing.evaluation.monitoring.events import WORDS, Event, Monitoring, State
+from airswing.evaluation.monitoring.events import WORDS, Monitoring, State
 from airswing.products.whole_files import write_text
 from airswing.report import html
 from airswing.report.html import Look, interval_text, number_text, plural
@@ -165,27 +165,16 @@ def _events_table(monitoring: Monitoring) -> Markup:
         "95 % interval": [text or "-" for text in dates],
         "aircraft": [one.aircraft or _FLEET for one in events],
         "event": [WORDS[one.kind] for one in events],
-        "size": map(_event_size, events),
+        "details": [one.details or "-" for one in events],
         "noticed": [one.noticed for one in events],
         "": ["new" if number < new else "" for number in range(len(events))],
     }
     more = f", the latest {_MOST_EVENTS} shown" if every > _MOST_EVENTS else ""
     caption = (
-        f"Events (n = {every}{more}). Size: change of the deviation in degrees rms over all "
-        "headings with the change of the offset, or the factor of the disagreement."
+        f"Events (n = {every}{more}). Change of a compass: rms over all headings, and the offset, "
+        "degrees, with 95 % intervals."
     )
     return html.table(columns, words=columns, caption=caption)
-
-
-def _event_size(event: Event) -> str:
-    evidence = event.evidence
-    if "factor" in evidence:
-        return f"× {interval_text(evidence['factor'], NORMAL_95 * evidence['standard_error'])}"
-    if "curve_rms_deg" in evidence:
-        half = NORMAL_95 * evidence["standard_error_deg"]["A"]
-        offset = interval_text(evidence["change_deg"]["A"], half, digits=1, sign=True)
-        return f"{evidence['curve_rms_deg']:.1f}° rms, offset {offset}°"
-    return f"no report for {evidence['days']} days when noticed" if "days" in evidence else "-"
 
 
 def _states_table(monitoring: Monitoring) -> Markup:
