@@ -62,8 +62,7 @@ def write_reject_list(request: Request) -> dict[str, Any]:
     """Write the changed list.
 
     Returns ``files``, ``criteria``, ``taken_off`` and ``stay`` (entries with a rejected wind, with
-    ``why`` and statistics), ``not_listed``, ``winds_a_day_gained``, ``blank_identifiers_filled``
-    and ``notes``.
+    ``why`` and statistics), ``winds_a_day_gained``, ``blank_identifiers_filled`` and ``notes``.
     """
     if request.settings.base is None:
         raise InputError(
@@ -75,17 +74,14 @@ def write_reject_list(request: Request) -> dict[str, Any]:
     target = request.path / FILE_NAME if request.folder else request.path
     refuse_existing(request, target)
     by_name = {_plain(aircraft["name"]): aircraft for aircraft in _judged(request, criteria)}
-    lines, listed = [header], set()
+    lines = [header]
     removed: list[dict[str, Any]] = []
     kept: list[dict[str, Any]] = []
     for entry in entries:
         line = entry.line
         if "W" in entry.flags:
-            name = next(
-                (n for n in map(_plain, (entry.identifier, entry.second)) if n in by_name), ""
-            )
-            aircraft = by_name.get(name)
-            listed.add(name)
+            names = map(_plain, (entry.identifier, entry.second))
+            aircraft = next((by_name[name] for name in names if name in by_name), None)
             passes, why = _verdict(entry, aircraft, criteria)
             found = {"aircraft": entry.identifier, "why": why, **(aircraft or {})}
             if passes:
@@ -97,11 +93,6 @@ def write_reject_list(request: Request) -> dict[str, Any]:
         lines.append(line)
     with atomic(target) as temporary:
         temporary.write_bytes(b"".join(lines))
-    failing = [
-        aircraft
-        for name, aircraft in by_name.items()
-        if aircraft["reported_fails"] and aircraft["reports"] >= FEWEST and name not in listed
-    ]
     known = [one for one in kept if "name" in one]
     gained = sum(one["winds_a_day"] for one in removed)
     notes = [f"removed: {one['aircraft']} ({one['why']})" for one in removed[:_SHOWN]]
@@ -110,9 +101,6 @@ def write_reject_list(request: Request) -> dict[str, Any]:
         f"{len(removed)} aircraft removed, {len(kept)} remain ({len(kept) - len(known)} of them "
         f"not in the archive): {gained:,.0f} winds a day gained"
     )
-    if failing:
-        names = ", ".join(one["name"] for one in failing[:_SHOWN])
-        notes.append(f"not listed, but failing as reported: {names}")
     if len(kept) > LARGEST_LIST:
         notes.append(
             f"{len(kept)} aircraft are listed for wind; GSI holds {LARGEST_LIST} and does not test"
@@ -127,7 +115,6 @@ def write_reject_list(request: Request) -> dict[str, Any]:
         "criteria": criteria,
         "taken_off": removed,
         "stay": kept,
-        "not_listed": failing,
         "winds_a_day_gained": round(gained, 1),
         "blank_identifiers_filled": filled,
         "notes": notes,
