@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from airswing.errors import InputError
+from airswing.evaluation.innovations import member_mean, members_of
 from airswing.flags import SCREENING, STATUS
 from airswing.report.run import selection
 from airswing.report.run.heading_error import binned_medians
@@ -56,13 +57,12 @@ def test_a_pool_is_the_mean_of_its_members():
     headings, _ = tiny()
     headings["heading_error"][:2] = np.array([[1.0], [4.0]])
     headings["heading_error"][1, 3] = np.nan
-    members = selection.members(headings, POOL)
-    value = selection.pooled(headings, members, "heading_error")
-    assert value[[0, 1, 2]].tolist() == [2.5] * 3
+    value = member_mean(headings["heading_error"].sel(reference=members_of(headings, POOL)))
+    assert value.to_numpy()[[0, 1, 2]].tolist() == [2.5] * 3
     assert value[3] == headings["heading_error"][0, 3], "the member that has a value, as in the fit"
-    assert selection.members(headings, "no members") == ["ruc", "rtfdaa", "nam"]
+    assert members_of(headings, "no members") == ["ruc", "rtfdaa", "nam"]
     asked = headings.assign_attrs(airswing_config='{"pool": {"both": ["ruc", "nam"]}}')
-    assert selection.members(asked, "both") == ["ruc", "nam"]
+    assert members_of(asked, "both") == ["ruc", "nam"]
 
 
 def test_the_fitted_bias_of_the_reference_is_subtracted():

@@ -14,6 +14,7 @@ number would be too small. m/s, degrees.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -141,6 +142,17 @@ def innovations(
         "northward": v - v_ref,
     }
     return {name: np.asarray(values, np.float64) for name, values in found.items()}
+
+
+def members_of(headings: xr.Dataset, reference: str) -> list[str]:
+    """Members of a reference or pool: those of the configuration the headings were made with.
+
+    Else those in the name of the pool (``ruc+rtfdaa``), else all references of the headings.
+    """
+    known = [str(name) for name in headings["reference"].to_numpy()]
+    pools = json.loads(headings.attrs.get("airswing_config") or "{}").get("pool") or {}
+    parts = [reference] if reference in known else pools.get(reference, reference.split("+"))
+    return [name for name in parts if name in known] or known
 
 
 def member_mean(values: _Winds) -> _Winds:

@@ -23,11 +23,10 @@ import numpy as np
 import pandas as pd
 
 from airswing.errors import InputError
-from airswing.evaluation.innovations import innovations, parts_of, profile_cells
+from airswing.evaluation.innovations import innovations, members_of, parts_of, profile_cells
 from airswing.handover.selection import (
     APPLIED,
     Request,
-    correction_members,
     product_of_run,
     refuse_existing,
 )
@@ -224,9 +223,8 @@ def _judged(request: Request, criteria: dict[str, float]) -> list[dict[str, Any]
     tables = []
     why = "it holds the model winds the criteria are applied to"
     with product_of_run(request, "headings", why=why) as headings:
-        known = [str(name) for name in headings["reference"].to_numpy()]
-        members = [name for name in correction_members(request.corrected) if name in known]
-        pools, needed = {"": members or known[:1]}, ["pressure", "phase", "screening"]
+        reference = str(request.corrected.attrs.get("correction_reference", ""))
+        pools, needed = {"": members_of(headings, reference)}, ["pressure", "phase", "screening"]
         first, last = time_span(headings)
         for part in parts_of(headings, pools, needed, request.corrected):
             usable = (profile_cells(part.block) >= 0) & np.isfinite(

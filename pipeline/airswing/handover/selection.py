@@ -10,7 +10,6 @@ it is TAMDAR; the code after ``FM-`` decides how a reader treats a report.
 from __future__ import annotations
 
 import fnmatch
-import json
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -116,14 +115,6 @@ def product_of_run(request: Request, name: str, *, why: str) -> xr.Dataset:
             remedy="Run `airswing run` with the same configuration first",
         )
     return open_product(path)
-
-
-def correction_members(corrected: xr.Dataset) -> list[str]:
-    """References the correction was fitted against; empty where the product does not name them."""
-    config = json.loads(str(corrected.attrs.get("airswing_config", "") or "{}"))
-    pools = config.get("pool", {}) | {name: [name] for name in config.get("references", {})}
-    name = str(corrected.attrs.get("correction_reference", ""))
-    return list(pools.get(name, next(iter(pools.values()), [])))
 
 
 def refuse_existing(request: Request, *targets: Path) -> None:

@@ -6,8 +6,7 @@ heading error of a pool is the mean over its members. Angles are degrees.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, SupportsInt
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from airswing.compass.correction import error_from_table
 from airswing.errors import InputError
-from airswing.evaluation.innovations import member_mean, parts_of
+from airswing.evaluation.innovations import member_mean, members_of, parts_of
 from airswing.evaluation.resampling import SUMS, cluster_sums, clustered_mean
 from airswing.flags import SCREENING, STATUS, is_corrected, published
 from airswing.physics.compass_deviation import deviation_basis
@@ -40,23 +39,6 @@ FORMULA = (
 def names_of(ds: xr.Dataset, coordinate: str = "aircraft") -> list[str]:
     """Return the aircraft or references of a Dataset as strings."""
     return [str(name) for name in ds[coordinate].to_numpy()]
-
-
-def members(headings: xr.Dataset, reference: str) -> list[str]:
-    """Return the references of a fit: the reference, or the members of a pool.
-
-    The members are those of the configuration the headings were made with, or in the pool's name
-    (``ruc+rtfdaa``), else all references of the headings.
-    """
-    known = names_of(headings, "reference")
-    pools = json.loads(headings.attrs.get("airswing_config") or "{}").get("pool") or {}
-    parts = [reference] if reference in known else pools.get(reference, reference.split("+"))
-    return [name for name in parts if name in known] or known
-
-
-def pooled(headings: xr.Dataset, chosen: Sequence[str], name: str) -> Floats:
-    """Return the mean over some references of a (reference, report) variable, shape (report,)."""
-    return np.asarray(member_mean(headings[name].sel(reference=chosen).astype(float)).to_numpy())
 
 
 def used(headings: xr.Dataset) -> NDArray[np.bool_]:
@@ -127,7 +109,8 @@ class Run:
         abscissa = "heading" if self.fits.attrs.get("abscissa") == "true" else "magnetic_heading"
         reports = drawn_columns(aircraft_reports(self.headings, aircraft))
         heading = reports[abscissa].to_numpy().astype(float) % 360.0
-        error = pooled(reports, members(reports, self.reference), "heading_error")
+        chosen = reports["heading_error"].sel(reference=members_of(reports, self.reference))
+        error = member_mean(chosen.astype(float)).to_numpy()
         if self.bias.any():
             true = np.radians(reports["heading"].to_numpy().astype(float))
             airspeed = reports["airspeed"].to_numpy().astype(float)
@@ -226,7 +209,7 @@ def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) ->
     """
     number, names = headings.sizes["aircraft"], ["screening", "flight"]
     sums = np.zeros((3, SUMS, number))
-    for part in parts_of(headings, {"": members(headings, reference)}, names, corrected):
+    for part in parts_of(headings, {"": members_of(headings, reference)}, names, corrected):
         before, after = (
             np.hypot(*(wind - part.model[""])) / KNOT for wind in (part.wind, part.corrected)
         )
