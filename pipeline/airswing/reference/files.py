@@ -8,7 +8,6 @@ nothing is written into the data folder.
 from __future__ import annotations
 
 import bz2
-import glob
 import gzip
 import hashlib
 import lzma
@@ -24,7 +23,8 @@ from typing import IO, Any, NamedTuple, TypedDict
 
 from airswing.errors import InputError
 from airswing.products.foreign_files import foreign_file
-from airswing.products.whole_files import ZARR_MARKS, none_found
+from airswing.products.whole_files import ZARR_MARKS
+from airswing.reports.read import expand
 
 NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"
 _KEPT_COPIES = 8
@@ -120,25 +120,14 @@ class Reader:
 
 def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list[str]:
     """Full paths of the files and Zarr stores that the patterns of a reference name, sorted."""
-    patterns = [files] if isinstance(files, str | os.PathLike) else list(files)
-    found: set[str] = set()
-    for pattern in (os.path.expanduser(os.fspath(one)) for one in patterns):
-        if is_url(pattern):
-            usable = _urls(pattern)
-        else:
-            # an existing path is taken literally, even if its name contains brackets
-            matches = [pattern] if os.path.exists(pattern) else glob.glob(pattern, recursive=True)
-            # a broken link is a missing file: opening it fails and names it
-            usable = [
-                os.path.abspath(path)
-                for path in matches
-                if os.path.isfile(path) or _is_zarr(path) or not os.path.exists(path)
-            ]
-        if not usable:
-            raise none_found(pattern, f"references.{name}.files")
-        found.update(usable)
-    if not found:
-        raise InputError("names no file", field=f"references.{name}.files")
+    given = [files] if isinstance(files, str | os.PathLike) else files
+    patterns = [os.fspath(one) for one in given]
+    found = {path for one in patterns if is_url(one) for path in _urls(one)}
+    local = [one for one in patterns if not is_url(one)]
+    if local or not found:
+        field = f"references.{name}.files"
+        paths = expand(local, field, lambda path: os.path.isfile(path) or _is_zarr(path))
+        found.update(map(os.path.abspath, paths))
     return sorted(found)
 
 

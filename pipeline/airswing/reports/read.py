@@ -217,16 +217,20 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
     }
 
 
-def expand(files: str | Path | Iterable[str | Path], field: str = "reports.files") -> list[Path]:
+def expand(
+    files: str | Path | Iterable[str | Path],
+    field: str = "reports.files",
+    usable: Callable[[str], bool] = os.path.isfile,
+) -> list[Path]:
     """The paths that match names and globs, each once; InputError if one matches nothing."""
     patterns = [files] if isinstance(files, str | Path) else list(files)
     found: dict[str, None] = {}
     for pattern in patterns:
         text = str(Path(pattern).expanduser())
         # A name with brackets is first a file of that name, then a pattern.
-        names = [text] if os.path.isfile(text) else glob.glob(text, recursive=True)
+        names = [text] if usable(text) else glob.glob(text, recursive=True)
         # A broken link is a missing file: reading it fails and names it.
-        names = sorted(name for name in names if os.path.isfile(name) or not os.path.exists(name))
+        names = sorted(name for name in names if usable(name) or not os.path.exists(name))
         if not names:
             raise none_found(text, field)
         found.update(dict.fromkeys(names))

@@ -6,16 +6,18 @@ Assumes that the first bytes show the kind; names are not used.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from airswing.errors import InputError, shortened
 from airswing.products.damaged_netcdf import DAMAGE, require_sound
 from airswing.products.foreign_files import foreign_file
+from airswing.products.whole_files import plain
 from airswing.reference.files import first_bytes, local_path
 from airswing.reference.inspection import inspect_winds
 from airswing.reports.mapping_proposal import propose_mapping
 from airswing.reports.read import reports_summary
-
-_LONGEST_LIST = 20  # most numbers of a list that are shown
 
 
 def inspect_file(path: Path) -> dict[str, object]:
@@ -76,7 +78,7 @@ def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
     if found["unused"]:
         summary["columns not used"] = found["unused"]
     if found["missing"]:
-        summary["still missing"] = found["missing"]
+        summary["still missing"] = ", ".join(found["missing"])
         return summary
     try:
         summary["read with it"] = reports_summary(path, columns=found["columns"])
@@ -107,36 +109,21 @@ def _product(path: Path) -> dict[str, object] | None:
         }
 
 
-def as_text(found: dict[str, object], *, indent: str = "") -> str:
-    """Lay the result of :func:`inspect_file` out for a terminal."""
-    lines = []
-    for key, value in found.items():
-        if value is None or value in ("", [], {}):
-            continue
-        if isinstance(value, dict):
-            if inner := as_text(value, indent=indent + "  "):
-                lines += [f"{indent}{key}:", inner]
-        elif isinstance(value, list) and value and isinstance(value[0], dict):
-            lines.append(f"{indent}{key}:")
-            lines += [
-                f"{indent}  " + ", ".join(f"{k}: {_shown(v)}" for k, v in row.items() if v != {})
-                for row in value
-            ]
-        elif isinstance(value, list):
-            lines.append(f"{indent}{key}: {_shown(value)[1:-1]}")
-        elif isinstance(value, str) and "\n" in value:
-            lines += [f"{indent}{key}:", *(f"{indent}  {row}" for row in value.split("\n"))]
-        else:
-            lines.append(f"{indent}{key}: {_shown(value)}")
-    return "\n".join(lines)
+class _Dumper(yaml.SafeDumper):
+    """Writes texts of several lines as they are, so that a mapping can be pasted."""
 
 
-def _shown(value: object) -> str:
-    if isinstance(value, float):
-        return f"{value:.7g}"
-    if not isinstance(value, list | tuple):
-        return str(value)
-    texts = [_shown(one) for one in value]
-    if len(texts) > _LONGEST_LIST and isinstance(value[0], float):
-        texts[2:-1] = [f"... ({len(texts)} values)"]
-    return f"[{', '.join(texts)}]"
+_Dumper.add_representer(
+    str,
+    lambda dumper, text: dumper.represent_scalar(
+        "tag:yaml.org,2002:str", text, style="|" if "\n" in text else None
+    ),
+)
+
+
+def as_text(found: dict[str, object]) -> str:
+    """Lay the result of :func:`inspect_file` out for a terminal, as YAML."""
+    known = {key: value for key, value in found.items() if value not in (None, "", [], {})}
+    options: Any = {"sort_keys": False, "allow_unicode": True, "width": 10_000}
+    text: str = yaml.dump(plain(known), Dumper=_Dumper, **options)
+    return text.rstrip()
