@@ -4,7 +4,6 @@ import json
 import os
 import random
 import shutil
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -22,8 +21,6 @@ from airswing.errors import InputError
 from airswing.products import whole_files
 from airswing.products.whole_files import workspace
 from airswing.reference.collocate import collocate
-from airswing.reference.files import SourceFile
-from airswing.workflow import months
 from airswing.workflow.progress import Progress
 
 HOURS, REPORTS, AIRCRAFT = 24 * 66, 4_000, 4
@@ -356,18 +353,3 @@ def test_duplicates_around_the_end_of_a_month_are_counted_once(archive):
     audit = json.loads(headings.attrs["reading_audit"])
     assert audit["dropped"] == {"exact_duplicate": 20}
     assert audit["reports_kept"] == headings.sizes["report"]
-
-
-def test_a_zarr_store_counts_by_its_chunks(tmp_path):
-    (tmp_path / "u").mkdir()
-    (tmp_path / "u" / "0.0").write_bytes(b"chunk")
-    rows, file = {"file": np.zeros((2, 1), int)}, SourceFile(str(tmp_path), 7, 7, "")
-    model = SimpleNamespace(valid=np.array([7]), bounds=[0, 1], rows=rows, files=[file])
-
-    def sizes():
-        ends = np.datetime64(0, "ns"), np.datetime64(9, "ns")
-        return [line.split("|")[1] for line in months._files_between(model, *ends)]
-
-    assert sizes() == ["6"]  # bytes, and one for each file
-    (tmp_path / "u" / "0.1").write_bytes(b"")
-    assert sizes() == ["7"]

@@ -3,7 +3,8 @@
 A month (UTC) contains the complete flights whose first report lies in it: it is made from the
 reports of the month and `MARGIN` around it, and written as ``headings/2008-07.nc``. Its inputs are
 recorded: the reports (a hash of their rows by day, independent of their files), the model files
-(path, size and time of change), the settings and the code. A month with unchanged inputs is kept.
+(path, size, time of change and a hash of parts of the content), the settings and the code. A month
+with unchanged inputs is kept.
 
 Assumes that a file that keeps its path, size and time of change keeps its content, and that no
 flight lasts longer than `MARGIN`. Whether reported headings and airspeeds are used is judged month
@@ -251,20 +252,12 @@ def catalogues(job: Job) -> dict[str, Catalogue]:
 
 
 def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) -> list[str]:
-    """Path, size and time of change of the files with valid times from one time to another."""
+    """Identities of the files with valid times from one time to another."""
     first, last = (int(when.astype("M8[ns]").astype(np.int64)) for when in (start, stop))
     time = np.repeat(model.valid, np.diff(model.bounds))
     inside = (time >= first) & (time <= last)
-    found = []
-    for number in np.unique(model.rows["file"][:2, inside]):
-        path, size, changed, _ = model.files[int(number)]
-        if Path(path).is_dir():  # a Zarr store
-            entries = [entry.stat() for entry in Path(path).rglob("*") if entry.is_file()]
-            # with the number of files: chunks of the same size may be added and removed
-            size = sum(entry.st_size for entry in entries) + len(entries)
-            changed = max(entry.st_mtime_ns for entry in entries)
-        found.append(f"{path}|{size}|{changed}")
-    return sorted(found)
+    numbers = np.unique(model.rows["file"][:2, inside]).tolist()
+    return sorted("|".join(map(str, model.files[number])) for number in numbers)
 
 
 class _Month:

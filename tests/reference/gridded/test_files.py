@@ -17,6 +17,7 @@ import airswing
 from airswing import cli
 from airswing.errors import InputError
 from airswing.reference.catalogue import build_catalogue
+from airswing.reference.files import identify
 from tests.command import configured
 from tests.reference.builders import GLOBE, LATLON, build, write
 from tests.reference.gridded.datasets import by_hand, points, winds
@@ -240,6 +241,14 @@ def test_urls_are_read_through_fsspec(tmp_path):
         build_catalogue("memory://models/page.nc", name="x")
     with pytest.raises(InputError, match=r"memory://models/absent\.nc: cannot be"):
         build_catalogue("memory://models/absent.nc", name="x", on_bad_file="fail")
+
+
+def test_a_zarr_store_is_another_with_another_chunk(tmp_path):
+    base().to_zarr(tmp_path / "store")
+    before = identify(str(tmp_path / "store"))
+    assert identify(str(tmp_path / "store")) == before
+    (tmp_path / "store/u/extra").touch()
+    assert identify(str(tmp_path / "store")) != before
 
 
 @pytest.mark.parametrize("name", ["store.zarr", "store.zarr-v3", "store"])
