@@ -104,15 +104,6 @@ class PairTable:
     squares: Floats  # (pair,): half squares
 
 
-@dataclass(frozen=True)
-class Separated:
-    """Error variances: the estimate first, then those of the bootstrap draws of days."""
-
-    by_cell: Floats  # (1 + draw, cell): cells with too few pairs have one value in common
-    by_class: Floats  # (1 + draw, class)
-    resolved: NDArray[np.bool_]  # (cell,): whether a cell has enough pairs
-
-
 def neighbouring_pairs(
     latitude: Floats, longitude: Floats, pressure: Floats, time: Floats, aircraft: Ints
 ) -> tuple[Ints, Floats]:
@@ -146,12 +137,14 @@ def half_squares(east: Floats, north: Floats, pairs: Ints) -> Floats:
 
 def separate(
     table: PairTable, number: Floats, amplitude: Floats, weights: Floats
-) -> Separated | None:
+) -> tuple[Floats, Floats, NDArray[np.bool_]] | None:
     """Separate the reports' error variance from the reference's; None with too few pairs or days.
 
     ``number`` (cell, class) of reports weights cells and classes; the reference's part is
     proportional to ``amplitude`` (cell,), the mean square disagreement; ``weights`` (1 + draw, day)
-    are the weights of each day, the first row being ones.
+    are the weights of each day, the first row being ones. Returns the error variances by cell (1 +
+    draw, cell), where cells with too few pairs have one value in common, and by class (1 + draw,
+    class), and whether each cell has enough pairs.
     """
     if table.day.size < FEWEST_PAIRS or np.unique(table.day).size < FEWEST_DAYS:
         return None
@@ -176,7 +169,7 @@ def separate(
     of_class = number / np.maximum(number.sum(axis=0, keepdims=True), 1.0)
     cell_part, class_part = drawn[:, column], drawn[:, cells : cells + classes]
     by_class = cell_part @ of_class + class_part
-    return Separated(cell_part + class_part @ of_cell.T, by_class, resolved)
+    return cell_part + class_part @ of_cell.T, by_class, resolved
 
 
 def _solved(design: Floats, table: PairTable, weights: Floats, variances: int) -> Floats:
@@ -500,12 +493,13 @@ def _separation(
     parts = separate(near_pairs(found, classes), by_class, np.nan_to_num(amplitude), weights)
     if parts is None:
         return None
-    fleet = ratio((parts.by_cell * number).sum(-1), number.sum(-1))
+    by_cell, variances, resolved = parts
+    fleet = ratio((by_cell * number).sum(-1), number.sum(-1))
     mean = ratio(squares @ weights.T, found.by("aircraft", "day", "number") @ weights.T)
     more = np.nan_to_num((mean - mean[-1:]).transpose(2, 0, 1), nan=0.0)
-    aircraft = parts.by_class[:, classes][:, None] + more
+    aircraft = variances[:, classes][:, None] + more
     aircraft[..., flown.sum(axis=1) == 0] = np.nan
-    return np.where(parts.resolved, parts.by_cell, np.nan), fleet, aircraft
+    return np.where(resolved, by_cell, np.nan), fleet, aircraft
 
 
 def _preferred(fleet: Floats, known: tuple[bool, bool], members: int) -> tuple[str, str]:

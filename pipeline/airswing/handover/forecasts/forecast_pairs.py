@@ -126,14 +126,9 @@ def numbers(values: pd.Series | None, index: pd.Index) -> Floats:
 
 def times(values: pd.Series) -> Times:
     """Read times in UTC: ISO 8601, yyyymmdd[HH[MM[SS]]] or seconds since 1970; else NaT."""
-    # Ten digits that begin with 19 or 20 are a date: as seconds since 1970 they would be of 2030
-    # and later.
     text = values.astype(str).str.strip().str.removesuffix(".0")
-    text = text.str.replace(
-        r"^((?:19|20)\d\d)(\d\d)(\d\d)(\d\d)?(\d\d)?(\d\d)?$",
-        lambda m: f"{m[1]}-{m[2]}-{m[3]}T{m[4] or '00'}:{m[5] or '00'}:{m[6] or '00'}",
-        regex=True,
-    )
+    # A date of eight digits gets an hour, or it would be seconds since 1970.
+    text = text.str.replace(r"^((?:19|20)\d{6})$", r"\g<1>00", regex=True)
     found = parse_times(text)[0]
     return np.where((found >= _FIRST) & (found <= _LAST), found, np.datetime64("NaT", "ns"))
 
