@@ -22,7 +22,7 @@ from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.design import heading_doubt
 from airswing.gap.distribution.entries import LEAST_LEFT, mean_reduction, place_of
 from airswing.gap.model.candidates import Curve, curve_of
-from airswing.gap.model.evidence import Found, static_evidence
+from airswing.gap.model.evidence import ScopeEvidence, static_evidence
 from airswing.gap.model.passes import Fitted
 from airswing.gap.model.sums import GATE, days_of
 from airswing.gap.model.terms import Statistics, noise_factor
@@ -92,7 +92,7 @@ def find_scatter(
         return None
     days, day, _ = days_of(frame)
     y = y - _in_turns(frame, y, known)
-    best: tuple[float, str, Found] | None = None
+    best: tuple[float, str, ScopeEvidence] | None = None
     number = 2 * max(len(variables), 1)
     for name, variable in variables.items():
         curve = curve_of(name, variable.values)
@@ -161,7 +161,7 @@ def _by_variable(
     residual: Floats,
     gross: Booleans,
     variable: Variable,
-    found: Found,
+    found: ScopeEvidence,
     evidence: float,
 ) -> PlaceEntry | None:
     """Excess over the quietest third of the cells, in m/s."""

@@ -34,7 +34,7 @@ from airswing.gap.effects.empirical import change_of
 #: Components of a table, in the names of the effect ``empirical``, and the size of one unit of its
 #: columns: degrees of heading and of wind direction, m/s along the heading and along the wind.
 COMPONENTS = ("heading_angle", "along_heading", "wind_angle", "along_wind")
-#: What a component is an error of, where it is not the wind.
+#: Quantity in error by component, where it is not the wind.
 PARTS = {
     "heading_angle": "heading",
     "across_heading": "heading",
@@ -68,15 +68,15 @@ class Group:
     kind: str  # ``name``, ``table``, ``nuisance``, ``probe``
     columns: slice  # raw columns
     transform: Floats  # (k, m): T of the module
-    scopes: str  # ``a``: each aircraft has coefficients of its own, ``f``: all have the same
+    scopes: str  # ``a``: separate coefficients for each aircraft, ``f``: the same for all
     prior: float  # log prior weight
     # which coefficients of the effect; of a table (0,), (1,) if refined, (2,) if smooth, and (0, k)
     # with k coefficients if simple
     form: tuple[int, ...] = ()
     reliability: float = 1.0  # squared correlation of the columns with the true ones
-    # what it is an error of: ``heading``, ``airspeed`` (with what reverses with the direction of
-    # flight) or ``wind``
-    part: str = "wind"
+    # the quantity in error: ``heading``, ``airspeed`` (with all effects that reverse with the
+    # direction of flight) or ``wind``
+    quantity: str = "wind"
     dated: bool = False  # whether it acts from a date on
 
     @property
@@ -125,19 +125,19 @@ class Curve:
             angle = np.radians(np.nan_to_num(values))
             waves = [f(j * angle) for j in range(1, CYCLES + 1) for f in (np.sin, np.cos)]
             return np.stack([np.ones_like(angle), *waves], -1)
-        known = np.isfinite(values)
-        filled = np.where(known, values, self.knots[0])
+        finite = np.isfinite(values)
+        filled = np.where(finite, values, self.knots[0])
         if KINDS[self.variable][0] == "category":
             out = (filled[:, None] == self.knots).astype(float)
         elif KINDS[self.variable][0] == "circular":
             period, count = PERIOD.get(self.variable, 360.0), self.knots.size
-            apart = np.abs(np.mod(filled, period)[:, None] / period * count - np.arange(count))
-            out = np.maximum(0.0, 1.0 - np.minimum(apart, count - apart))
+            distance = np.abs(np.mod(filled, period)[:, None] / period * count - np.arange(count))
+            out = np.maximum(0.0, 1.0 - np.minimum(distance, count - distance))
         else:
             out = np.stack(
                 [np.interp(filled, self.knots, row) for row in np.eye(self.knots.size)], -1
             )
-        return np.asarray(out * known[:, None])
+        return np.asarray(out * finite[:, None])
 
     @property
     def covariance(self) -> Floats:
@@ -148,25 +148,25 @@ class Curve:
             return np.asarray(np.diag(np.r_[1.0, falling] ** 2))
         if KINDS[self.variable][0] == "category":
             return 0.5 * np.eye(self.knots.size) + 0.5
-        near = np.exp(-0.5 * (self._apart / LENGTH) ** 2)
+        near = np.exp(-0.5 * (self._knot_distances / LENGTH) ** 2)
         return np.asarray((1 - FREE) * near + FREE * np.eye(len(near)))
 
     @property
-    def _apart(self) -> Floats:
+    def _knot_distances(self) -> Floats:
         """Distances between knots, in knots."""
         number = np.arange(self.knots.size)
-        apart = np.abs(np.subtract.outer(number, number))
+        distance = np.abs(np.subtract.outer(number, number))
         if KINDS[self.variable][0] == "circular":
-            apart = np.minimum(apart, self.knots.size - apart)
-        return np.asarray(apart, np.float64)
+            distance = np.minimum(distance, self.knots.size - distance)
+        return np.asarray(distance, np.float64)
 
     @property
     def smooth_root(self) -> Floats:
         """Root (k, m) of the prior covariance of a curve that varies over its whole range only."""
         length = SMOOTH * self.knots.size
-        values, vectors = np.linalg.eigh(np.exp(-0.5 * (self._apart / length) ** 2))
-        kept = values > NEGLIGIBLE * values.sum()
-        return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+        values, vectors = np.linalg.eigh(np.exp(-0.5 * (self._knot_distances / length) ** 2))
+        retained = values > NEGLIGIBLE * values.sum()
+        return np.asarray(vectors[:, retained] * np.sqrt(values[retained]))
 
 
 def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
@@ -178,13 +178,13 @@ def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
         return Curve(name, np.unique(values[np.isfinite(values)]))
     if KINDS[name][0] == "circular":
         return Curve(name, np.arange(number) * PERIOD.get(name, 360.0) / number)
-    known = values[np.isfinite(values)]
-    at = np.unique(np.quantile(known, np.linspace(*INNER, number)))
-    spread, kept = float(np.ptp(at)), [float(at[0])]
-    for knot in at[1:]:
-        if knot - kept[-1] > 0.3 * spread / number:
-            kept.append(float(knot))
-    return Curve(name, np.array(kept))
+    finite = values[np.isfinite(values)]
+    quantiles = np.unique(np.quantile(finite, np.linspace(*INNER, number)))
+    spread, knots = float(np.ptp(quantiles)), [float(quantiles[0])]
+    for knot in quantiles[1:]:
+        if knot - knots[-1] > 0.3 * spread / number:
+            knots.append(float(knot))
+    return Curve(name, np.array(knots))
 
 
 @dataclass
@@ -199,7 +199,7 @@ class Candidates:
     """Raw columns, built in blocks, and the groups made of them.
 
     ``context`` is the frame with exogenous heading, airspeed and large-scale wind; ``tables`` also
-    looks for what is not in the catalogue.
+    looks for effects outside the catalogue.
     """
 
     def __init__(
@@ -225,7 +225,7 @@ class Candidates:
                     for component in COMPONENTS:
                         self.add_table(Table((curve,), component), weight)
 
-    # ------------------------------------------------------------------------------ what is built
+    # ------------------------------------------------------------------------------------ columns
     def _block(self, build: Callable[[Frame], Singles], columns: Singles) -> slice:
         where = slice(self.width, self.width + columns.shape[2])
         self._builders[where.start] = build
@@ -285,8 +285,8 @@ class Candidates:
             curved = self.curvature(effect.name, self.context)
             if curved is not None:
                 self.curved[effect.name] = curved
-            part = "airspeed" if effect.stage == "sensor" or effect.reverses else "wind"
-            part = "heading" if isinstance(effect, HeadingEffect) else part
+            quantity = "airspeed" if effect.stage == "sensor" or effect.reverses else "wind"
+            quantity = "heading" if isinstance(effect, HeadingEffect) else quantity
             # the ordinary form is as likely as all others together
             shares = [0.5] + [0.5 / (len(forms) - 1)] * (len(forms) - 1) if forms[1:] else [1.0]
             for (form, dated), share in zip(forms, shares, strict=True):
@@ -299,7 +299,7 @@ class Candidates:
                     prior=float(np.log(share / (2 * len(usable)))),
                     form=tuple(form),
                     reliability=effect.reliability if curved is None else 1.0,
-                    part=part,
+                    quantity=quantity,
                     dated=dated,
                 )
                 self._group(columns, group, form)
@@ -309,7 +309,7 @@ class Candidates:
         return np.asarray(np.moveaxis(raw, 0, -1) * effect.column_scales, np.float32)
 
     def curvature(self, name: str, at: Frame) -> Singles | None:
-        """What the squared coefficients of an effect's raw columns add, (n, 2, k)."""
+        """Columns (n, 2, k) of the squared coefficients of an effect's raw columns."""
         effect = self.effects.get(name)
         raw = None if effect is None else effect.curvature(at)
         if effect is None or raw is None:
@@ -325,17 +325,17 @@ class Candidates:
         vary with pressure.
         """
         frame = self.frame
-        apart = np.stack([frame.u_rep, frame.v_rep], -1) - self.wind
+        difference = np.stack([frame.u_rep, frame.v_rep], -1) - self.wind
         levels = [rows for rows in np.array_split(np.argsort(frame.pressure), LEVELS) if rows.size]
         at = [np.median(frame.pressure[rows]) for rows in levels]
 
         def smooth(values: Floats) -> Floats:
-            return np.stack([np.interp(frame.pressure, at, one) for one in values.T], -1)
+            return np.stack([np.interp(frame.pressure, at, column) for column in values.T], -1)
 
-        mean = smooth(np.array([apart[rows].mean(axis=0) for rows in levels]))
-        spread = smooth(np.array([apart[rows].std(axis=0) + 1e-6 for rows in levels]))
-        chosen = np.random.default_rng(0).integers(0, frame.size, DRAWS)
-        drawn = ((apart - mean) / spread)[chosen]
+        mean = smooth(np.array([difference[rows].mean(axis=0) for rows in levels]))
+        spread = smooth(np.array([difference[rows].std(axis=0) + 1e-6 for rows in levels]))
+        picks = np.random.default_rng(0).integers(0, frame.size, DRAWS)
+        drawn = ((difference - mean) / spread)[picks]
         drawn = (drawn - drawn.mean(axis=0)) / (drawn.std(axis=0) + 1e-6)
         return np.asarray(self.wind + mean + spread * drawn[:, np.newaxis])
 
@@ -351,8 +351,8 @@ class Candidates:
             return self._product(table, at, self.wind)
         total = np.zeros((self.frame.size, 2, 1), np.float32)
         for k, wind in enumerate(self._drawn):
-            part = self._product(table, at, wind, self._reported(k))
-            total = np.asarray(total + part / len(self._drawn), np.float32)
+            columns = self._product(table, at, wind, self._reported(k))
+            total = np.asarray(total + columns / len(self._drawn), np.float32)
         return total
 
     def _reported(self, k: int) -> Frame:
@@ -367,15 +367,15 @@ class Candidates:
             values = self.variables[curve.variable].values
             if reported is not None:
                 values = values_of(reported, at, curve.variable)
-            each = curve.functions(values)
-            functions = (functions[:, :, None] * each[:, None, :]).reshape(self.frame.size, -1)
+            factors = curve.functions(values)
+            functions = (functions[:, :, None] * factors[:, None, :]).reshape(self.frame.size, -1)
         vectors = change_of(
             table.component, heading=at.heading, airspeed=at.airspeed, u=wind[:, 0], v=wind[:, 1]
         )
         return np.asarray(vectors[:, :, None] * functions[:, None, :], np.float32)
 
     def table_of(self, group: Group) -> Table:
-        """Table that a group was made of."""
+        """Table of a group."""
         return self.tables[group.columns.start]
 
     def add_table(self, table: Table, weight: float, *, refined: bool = False) -> Group | None:
@@ -389,16 +389,16 @@ class Candidates:
         spread = covariance + 1e-9 * np.eye(len(covariance))
         root: Floats = np.asarray(np.linalg.cholesky(spread), np.float64)
         where = self._block(partial(self.columns_of, table), columns)
-        reliability, part = 1.0, PARTS.get(table.component, "wind")
+        reliability, quantity = 1.0, PARTS.get(table.component, "wind")
         if of_wind(table):
-            # what averages over likely winds hold of one of them
-            one = self._product(table, self.context, self._drawn[0], self._reported(0))
-            reliability = float((columns**2).sum() / max((one**2).sum(), 1e-12))
+            # share of the energy of one likely wind that averages over all of them hold
+            drawn = self._product(table, self.context, self._drawn[0], self._reported(0))
+            reliability = float((columns**2).sum() / max((drawn**2).sum(), 1e-12))
         for curve in table.curves:
             reliability *= RELIABILITY.get(curve.variable, 1.0)
         self.tables[where.start] = table
         form = (int(refined),)
-        group = Group(name, "table", where, root, "af", weight, form, reliability, part)
+        group = Group(name, "table", where, root, "af", weight, form, reliability, quantity)
         if refined or KINDS[table.curves[0].variable][0] == "category":
             return self._group(columns, group)
         weight -= float(np.log(2))
@@ -421,12 +421,11 @@ class Candidates:
     def add_product(self, table: Group, curve: Floats, name: str) -> Group | None:
         """Add products of a table's fitted curve with functions of another variable."""
         columns = self.raw(table.columns) @ curve.astype(np.float32)
-        other = self.curve(name, PAIRED)
-        functions = other.functions(self.variables[name].values)
-        made = np.asarray(columns[:, :, None] * functions[:, None, :], np.float32)
-        where, unit = self._block(lambda at: made, made), np.eye(made.shape[2])
+        functions = self.curve(name, PAIRED).functions(self.variables[name].values)
+        products = np.asarray(columns[:, :, None] * functions[:, None, :], np.float32)
+        where, unit = self._block(lambda at: products, products), np.eye(products.shape[2])
         group = Group(f"{table.name} x {name}", "probe", where, unit, "af", 0.0)
-        return self._group(made, group)
+        return self._group(products, group)
 
     def forget(self, groups: Sequence[Group]) -> None:
         """Remove groups; the last columns built are free again where they are theirs."""
@@ -437,7 +436,7 @@ class Candidates:
         self.width = max(group.columns.stop for group in self.groups)
 
     def curve(self, name: str, knots: int | None = None) -> Curve:
-        """Curve of a variable, with another number of knots than usual where given."""
+        """Curve of a variable, with the usual number of knots by default."""
         return curve_of(name, self.variables[name].values, knots)
 
 
@@ -449,8 +448,8 @@ def of_wind(table: Table) -> bool:
 def unit_size(columns: Singles, transform: Floats) -> Floats | None:
     """Scale a transform so that X T z has 1 m/s rms where it acts; None where it acts nowhere."""
     used = np.flatnonzero(transform.any(axis=1))
-    made = columns[::SAMPLED][:, :, used] @ transform[used].astype(np.float32)
-    energy = (made * made).sum(axis=(1, 2))
+    effect = columns[::SAMPLED][:, :, used] @ transform[used].astype(np.float32)
+    energy = (effect * effect).sum(axis=(1, 2))
     # some parts in a million of the largest: where hat functions end, an effect acts no more
     if energy.size == 0 or not energy.max() > 1e-6:
         return None

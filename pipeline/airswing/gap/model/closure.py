@@ -2,7 +2,7 @@
 
 Terms are fitted to four of five groups of days and subtracted from the fifth, at the heading,
 airspeed and wind that were reported. The interval is from a bootstrap over days and from draws of
-the coefficients, which hold what a fit to less than all days may miss.
+the coefficients, which include the error of a fit to a part of the days.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ SAMPLES = 400
 
 @dataclass(frozen=True)
 class Closure:
-    """Disagreement before, kt, and what each claim closes in addition to those before it."""
+    """Disagreement before, kt, and the closure by each claim in addition to those before it."""
 
     before: float
     steps: tuple[ClosesEntry, ...]
-    whole: ClosesEntry
+    total: ClosesEntry
     residual: Floats  # (n, 2): held-out, without all claims, m/s
 
 
@@ -43,22 +43,22 @@ def is_held_out(days: int) -> bool:
 
 
 def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> Closure:
-    """Take claims, each some of the terms, off one after the other."""
+    """Remove claims, each a list of terms, one after the other."""
     sums, exact = fitted.model.sums, fitted.exact
     theta = exact.by_fold if is_held_out(sums.span) else exact.theta
     response = exact.response
     linear = [response.linear(k, theta, response.reported[k + 1]) for k in range(len(fitted.terms))]
     rng = np.random.default_rng(seed)
     removed: list[int] = []
-    left = fitted.frame.residual
-    lengths = [np.hypot(*left.T) / KNOT]
+    residual = fitted.frame.residual
+    lengths = [np.hypot(*residual.T) / KNOT]
     for claim in claims:
         removed += claim
-        left = fitted.frame.residual - response.together(linear, removed)
-        lengths.append(np.hypot(*left.T) / KNOT)
+        residual = fitted.frame.residual - response.combined(linear, removed)
+        lengths.append(np.hypot(*residual.T) / KNOT)
     doubt = _coefficient_doubt(fitted, claims, rng)
     days, count = sums.D, np.bincount(sums.day, minlength=sums.D)
-    by_day = np.stack([np.bincount(sums.day, one, days) for one in lengths])
+    by_day = np.stack([np.bincount(sums.day, length, days) for length in lengths])
     picks = rng.integers(0, days, (SAMPLES, days))
     drawn = by_day[:, picks].sum(axis=2) / count[picks].sum(axis=1)
     means = by_day.sum(axis=1) / count.sum()
@@ -72,8 +72,8 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
     )
     value = means[0] - means[-1]
     share = missed / value if value > 0 else 0.0
-    whole = _step(value, drawn[0] - drawn[-1], doubt[-1] if claims else 0.0, share)
-    return Closure(float(means[0]), steps, whole, left)
+    total = _step(value, drawn[0] - drawn[-1], doubt[-1] if claims else 0.0, share)
+    return Closure(float(means[0]), steps, total, residual)
 
 
 def _step(value: float, drawn: Floats, doubt: float, unseen: float) -> ClosesEntry:
@@ -92,20 +92,20 @@ def _unseen(fitted: Fitted, claim: Sequence[int]) -> float:
     normal variable a normal variable with the correlation rho holds (2 / pi arcsin rho)^2 (Sheppard
     1899, Phil. Trans. R. Soc. A 192, 101-167).
     """
-    held = []
+    shares = []
     for group in (fitted.terms[k].group for k in claim):
         share = group.reliability
         for name in () if group.named else group.variables:
             squared = RELIABILITY.get(name, 1.0)
             share *= 0.9 * (2 / np.pi * np.arcsin(np.sqrt(squared))) ** 2 / squared
-        held.append(share)
-    return 1.0 / min(held) - 1.0
+        shares.append(share)
+    return 1.0 / min(shares) - 1.0
 
 
 def _coefficient_doubt(
     fitted: Fitted, claims: Sequence[Sequence[int]], rng: np.random.Generator
 ) -> list[float]:
-    """Standard deviation of each step and of the whole when coefficients are drawn, kt."""
+    """Standard deviation of each step and of the total when coefficients are drawn, kt."""
     if not claims:
         return []
     exact = fitted.exact
@@ -117,12 +117,12 @@ def _coefficient_doubt(
     # thirty draws on every fifth report
     base = [response.linear(k, exact.theta)[::5] for k in terms]
     shifts = [root @ rng.standard_normal(root.shape[1]) for _ in range(30)]
-    moved = [[response.linear(k, shift)[::5] for k in terms] for shift in shifts]
+    draws = [[response.linear(k, shift)[::5] for k in terms] for shift in shifts]
     residual = fitted.frame.residual[::5]
     out = []
-    for claim in [*claims, [k for one in claims for k in one]]:
+    for claim in [*claims, [k for c in claims for k in c]]:
         rest = residual - sum((base[k] for k in claim), np.zeros_like(residual))
-        gains = [float(np.hypot(*(rest - sum(one[k] for k in claim)).T).mean()) for one in moved]
+        gains = [float(np.hypot(*(rest - sum(draw[k] for k in claim)).T).mean()) for draw in draws]
         out.append(float(np.std(gains)) / KNOT)
     return out
 
@@ -137,6 +137,6 @@ def day_interval(values: Floats, day: Integers, seed: int) -> tuple[float, float
     picks = np.random.default_rng(seed).integers(0, used.size, (SAMPLES, used.size))
     means = total[used][picks].sum(axis=1) / count[used][picks].sum(axis=1)
     middle = total.sum() / count.sum()
-    apart = np.sqrt(used.size / max(used.size - 1, 1))
-    low, high = np.quantile(middle + apart * (means - middle), [0.025, 0.975])
+    inflation = np.sqrt(used.size / max(used.size - 1, 1))
+    low, high = np.quantile(middle + inflation * (means - middle), [0.025, 0.975])
     return float(low), float(high)

@@ -1,4 +1,4 @@
-"""Log evidence of candidates: spike and slab over aircraft, a part all share, dates, exchanges.
+"""Log evidence of candidates: spike and slab over aircraft, a common part, dates, exchanges.
 
 The likelihood of scores U~_a = G_a (theta_a + theta_F) + N(0, kappa G_a) by aircraft, the priors of
 the scopes, of changes at a date and of exchanged identifiers are those of docs/gap.md, section 4.
@@ -45,7 +45,7 @@ SLIGHT = 1e-4
 
 
 @dataclass(frozen=True)
-class Found:
+class ScopeEvidence:
     """Evidence of a candidate in one scope."""
 
     evidence: float  # log Bayes factor against no effect, over scales and sets of aircraft
@@ -59,14 +59,14 @@ class Found:
     shape: Floats | None = None
 
 
-def common_variance(found: Statistics) -> tuple[Floats, Floats]:
+def common_variance(stats: Statistics) -> tuple[Floats, Floats]:
     """T and T0 of the module, (m, m)."""
-    m = found.score.shape[1]
-    given_back = found.fleet_inverse - np.linalg.inv(found.information.sum(axis=0) + found.ridge)
-    uneven = max(0.0, found.fleet_factor - 1.0) * found.fleet_inverse
-    lasting = max(found.lasting + float(np.mean(found.remainder)), 1e-6)
-    whole = given_back + uneven + lasting * np.eye(m)
-    values, vectors = np.linalg.eigh((whole + whole.T) / 2)
+    m = stats.score.shape[1]
+    given_back = stats.fleet_inverse - np.linalg.inv(stats.information.sum(axis=0) + stats.ridge)
+    uneven = max(0.0, stats.fleet_factor - 1.0) * stats.fleet_inverse
+    lasting = max(stats.lasting + float(np.mean(stats.remainder)), 1e-6)
+    total = given_back + uneven + lasting * np.eye(m)
+    values, vectors = np.linalg.eigh((total + total.T) / 2)
     # differences of inverses may come out below nothing by rounding
     return (vectors * np.clip(values, lasting, 1e6)) @ vectors.T, given_back
 
@@ -94,37 +94,37 @@ class _Common:
         return np.asarray(np.linalg.solve(self.inverse + information, score[..., None])[..., 0])
 
 
-def _at(level: Floats, score: Floats, information: Floats, phi: Floats) -> Floats:
+def _log_density(level: Floats, score: Floats, information: Floats, phi: Floats) -> Floats:
     """Log density of aircraft at a common part phi (..., m)."""
     quadratic = ((information @ phi[..., None])[..., 0] * phi).sum(-1)
     return np.asarray(level + (score * phi).sum(-1) - 0.5 * quadratic)
 
 
-Parts = tuple[Floats, Floats, Floats]  # level (..., A), score (..., A, m), information
+Gaussians = tuple[Floats, Floats, Floats]  # level (..., A), score (..., A, m), information
 
 
-def _chosen(which: Booleans, yes: Parts, no: Parts) -> Parts:
-    """Sums over the aircraft of one of two cases each."""
+def _sum_of_cases(affected: Booleans, inside: Gaussians, outside: Gaussians) -> Gaussians:
+    """Sums over aircraft, of one case for the affected and of the other for the rest."""
     return (
-        np.where(which, yes[0], no[0]).sum(axis=-1),
-        np.where(which[..., None], yes[1], no[1]).sum(axis=-2),
-        np.where(which[..., None, None], yes[2], no[2]).sum(axis=-3),
+        np.where(affected, inside[0], outside[0]).sum(axis=-1),
+        np.where(affected[..., None], inside[1], outside[1]).sum(axis=-2),
+        np.where(affected[..., None, None], inside[2], outside[2]).sum(axis=-3),
     )
 
 
-def _sums_in_order(order: Integers, parts: Parts) -> Parts:
+def _cumulative_sums(order: Integers, gaussians: Gaussians) -> Gaussians:
     """Sums over the first 0, 1, ... A aircraft of an order (..., A)."""
 
-    def summed(part: Floats, inner: int) -> Floats:
-        part = np.broadcast_to(part, order.shape + part.shape[part.ndim - inner :])
+    def summed(values: Floats, inner: int) -> Floats:
+        values = np.broadcast_to(values, order.shape + values.shape[values.ndim - inner :])
         index, axis = order.reshape(order.shape + (1,) * inner), -1 - inner
-        return np.insert(np.take_along_axis(part, index, axis).cumsum(axis), 0, 0.0, axis)
+        return np.insert(np.take_along_axis(values, index, axis).cumsum(axis), 0, 0.0, axis)
 
-    return summed(parts[0], 0), summed(parts[1], 1), summed(parts[2], 2)
+    return summed(gaussians[0], 0), summed(gaussians[1], 1), summed(gaussians[2], 2)
 
 
-def _nested(
-    common: _Common, null: Parts, slab: Parts, *, add: Floats, able: Booleans
+def _best_sets(
+    common: _Common, null: Gaussians, slab: Gaussians, *, add: Floats, able: Booleans
 ) -> tuple[Floats, Floats]:
     """Log evidence of the best set of each size, and each aircraft's gain given the common part.
 
@@ -135,25 +135,23 @@ def _nested(
 
     def gain_at(phi: Floats) -> Floats:
         at = phi[..., None, :]
-        return np.where(able, _at(*slab, at) - _at(*null, at) + add, -np.inf)
+        return np.where(able, _log_density(*slab, at) - _log_density(*null, at) + add, -np.inf)
 
     for _ in range(3):  # the order of the aircraft depends on phi, which depends on those affected
-        _, score, information = _chosen(gain_at(phi) > 0, slab, null)
+        _, score, information = _sum_of_cases(gain_at(phi) > 0, slab, null)
         phi = common.mean(score, information)
     gain = gain_at(phi)
     order = np.argsort(-gain, axis=-1)
-    more = _sums_in_order(order, (slab[0] - null[0] + add, slab[1] - null[1], slab[2] - null[2]))
-    evidence = common.total(
-        *(part.sum(axis=0) + steps for part, steps in zip(null, more, strict=True))
-    )
+    more = _cumulative_sums(order, (slab[0] - null[0] + add, slab[1] - null[1], slab[2] - null[2]))
+    evidence = common.total(*(x.sum(axis=0) + y for x, y in zip(null, more, strict=True)))
     sizes = np.arange(gain.shape[-1] + 1)
     return np.where(sizes <= able.sum(axis=-1)[..., None], evidence, -np.inf), gain
 
 
-def _alike(
-    variance: Floats, null: Parts, slab: Parts, scales: Floats, gain: Floats, able: Booleans
+def _sets_with_mean(
+    variance: Floats, null: Gaussians, slab: Gaussians, scales: Floats, gain: Floats, able: Booleans
 ) -> tuple[Floats, Floats]:
-    """The same as `_nested` for affected aircraft that share a mean, for each of the scales (s,).
+    """As `_best_sets` for affected aircraft that share a mean, for each of the scales (s,).
 
     Aircraft without the effect are Gaussians in phi, those with it in phi + mu; both are
     integrated together.
@@ -161,7 +159,7 @@ def _alike(
     m = variance.shape[0]
     joint_variance = np.stack([block_diag(variance, s**2 * np.eye(m)) for s in scales])
 
-    def joint(rest: Parts, inside: Parts) -> Parts:
+    def joint(rest: Gaussians, inside: Gaussians) -> Gaussians:
         """Level, score and information in (phi, mu) of sums over aircraft."""
         top = np.concatenate([rest[2] + inside[2], inside[2]], axis=-1)
         bottom = np.concatenate([inside[2], inside[2]], axis=-1)
@@ -169,46 +167,46 @@ def _alike(
         score = np.concatenate([rest[1] + inside[1], inside[1]], axis=-1)
         return rest[0] + inside[0], score, information
 
-    nothing: Parts = (np.zeros(()), np.zeros(m), np.zeros((m, m)))
+    nothing: Gaussians = (np.zeros(()), np.zeros(m), np.zeros((m, m)))
     for _ in range(2):
-        affected = np.where(
-            (gain > 0).any(-1, keepdims=True), gain > 0, gain == gain.max(-1)[:, None]
-        )
-        rest, inside = _chosen(affected, nothing, null), _chosen(affected, slab, nothing)
-        both = _Common(joint_variance).mean(*joint(rest, inside)[1:])[:, None]
-        apart = _at(*slab, both[..., :m] + both[..., m:]) - _at(*null, both[..., :m])
-        gain = np.where(able, apart, -np.inf)
+        better = gain > 0
+        affected = np.where(better.any(-1, keepdims=True), better, gain == gain.max(-1)[:, None])
+        rest = _sum_of_cases(affected, nothing, null)
+        inside = _sum_of_cases(affected, slab, nothing)
+        phi, mu = np.split(_Common(joint_variance).mean(*joint(rest, inside)[1:])[:, None], 2, -1)
+        log_ratio = _log_density(*slab, phi + mu) - _log_density(*null, phi)
+        gain = np.where(able, log_ratio, -np.inf)
     order = np.argsort(-gain, axis=-1)
-    steps, without = _sums_in_order(order, slab), _sums_in_order(order, null)
+    steps, without = _cumulative_sums(order, slab), _cumulative_sums(order, null)
     rest = (null[0].sum(0) - without[0], null[1].sum(0) - without[1], null[2].sum(0) - without[2])
     evidence = _Common(joint_variance[:, None]).total(*joint(rest, steps))
     return np.where(np.arange(able.size + 1) <= able.sum(), evidence, -np.inf), gain
 
 
 def static_evidence(
-    found: Statistics,
+    stats: Statistics,
     kappa: float,
     scopes: str,
     *,
     scales: Floats = SCALES,
     usual: float = SMALL,
     having: Sequence[int] = (),
-) -> dict[str, Found]:
+) -> dict[str, ScopeEvidence]:
     """Evidence of a candidate that acts on the whole archive, by scope (of ``a`` and ``f``).
 
-    ``kappa`` is the noise factor of single aircraft, ``usual`` what no aircraft is free of;
+    ``kappa`` is the noise factor of single aircraft, ``usual`` the error that all aircraft have;
     aircraft ``having`` the effect by a term in the model have no second one.
     """
-    aircraft, m = found.score.shape
-    variance, given_back = common_variance(found)
-    score = found.score + found.information @ (given_back @ found.score.sum(axis=0))
-    values, vectors = np.linalg.eigh(found.information)
+    aircraft, m = stats.score.shape
+    variance, given_back = common_variance(stats)
+    score = stats.score + stats.information @ (given_back @ stats.score.sum(axis=0))
+    values, vectors = np.linalg.eigh(stats.information)
     values = np.maximum(values, 1e-8 * max(float(values.max()), 1e-12))
     turned = np.einsum("aji,aj->ai", vectors, score)
 
-    small = usual**2 + np.broadcast_to(found.remainder, aircraft)[:, None]
+    small = usual**2 + np.broadcast_to(stats.remainder, aircraft)[:, None]
 
-    def parts(variance: Floats) -> Parts:
+    def integrated(variance: Floats) -> Gaussians:
         """Each aircraft with its individual part of these variances (..., A, 1) integrated."""
         spread = kappa * values + variance * values**2
         shrunk = values / (kappa + variance * values)
@@ -217,31 +215,32 @@ def static_evidence(
         level = -0.5 * np.log(spread).sum(axis=-1) - 0.5 * (turned**2 / spread).sum(axis=-1)
         return level, linear, information
 
-    common, null = _Common(variance), parts(small)
-    sums = [part.sum(axis=0) for part in null]
+    common, null = _Common(variance), integrated(small)
+    sums = [x.sum(axis=0) for x in null]
     nothing = float(common.total(*sums))
     out = {}
     if "f" in scopes:
         wider = _Common(variance + scales[:, None, None] ** 2 * np.eye(m))
-        each = wider.total(*sums)
-        evidence = float(log_sum(each)) - np.log(scales.size) - nothing
-        best = float(scales[each.argmax()])
-        out["f"] = Found(evidence, best, tuple(range(aircraft)), np.ones(aircraft))
+        by_scale = wider.total(*sums)
+        evidence = float(log_sum(by_scale)) - np.log(scales.size) - nothing
+        best = float(scales[by_scale.argmax()])
+        out["f"] = ScopeEvidence(evidence, best, tuple(range(aircraft)), np.ones(aircraft))
     if "a" in scopes:
         able: Booleans = ~np.isin(np.arange(aircraft), having)
         squared = scales[:, None, None] ** 2
-        apart, gain = _nested(common, null, parts(squared + small), add=np.zeros(1), able=able)
-        slab = parts(SPREAD**2 * squared + small)
-        alike, gain_alike = _alike(variance, null, slab, scales, gain, able)
-        each = np.concatenate([apart, alike]) + number_prior(aircraft) - nothing
-        weight = np.exp(log_sum(each, axis=1) - log_sum(each, axis=None))
-        gains = np.concatenate([gain, gain_alike])
-        inclusion = sum(w * _inclusion(one) for w, one in zip(weight, gains, strict=True))
-        evidence = float(log_sum(each, axis=None)) - np.log(len(each))
-        is_alike, k = divmod(int(np.unravel_index(each.argmax(), each.shape)[0]), scales.size)
-        chosen = tuple(int(a) for a in np.flatnonzero(np.asarray(inclusion) > INCLUDED))
-        best, spread = float(scales[k]), SPREAD * is_alike
-        out["a"] = Found(evidence, best, chosen, np.asarray(inclusion), spread)
+        slab = integrated(squared + small)
+        independent, gain = _best_sets(common, null, slab, add=np.zeros(1), able=able)
+        slab = integrated(SPREAD**2 * squared + small)
+        shared_mean, gain_shared = _sets_with_mean(variance, null, slab, scales, gain, able)
+        log_odds = np.concatenate([independent, shared_mean]) + number_prior(aircraft) - nothing
+        weight = np.exp(log_sum(log_odds, axis=1) - log_sum(log_odds, axis=None))
+        gains = np.concatenate([gain, gain_shared])
+        inclusion = sum(w * _inclusion(g) for w, g in zip(weight, gains, strict=True))
+        evidence = float(log_sum(log_odds, axis=None)) - np.log(len(log_odds))
+        shares_mean, k = divmod(int(log_odds.max(axis=1).argmax()), scales.size)
+        affected = tuple(int(a) for a in np.flatnonzero(np.asarray(inclusion) > INCLUDED))
+        best, spread = float(scales[k]), SPREAD * shares_mean
+        out["a"] = ScopeEvidence(evidence, best, affected, np.asarray(inclusion), spread)
     return out
 
 
@@ -251,81 +250,84 @@ def _inclusion(gain: Floats) -> Floats:
     Aircraft are independent given their share; nested sets alone would favour none or all.
     """
     log_share, log_rest = np.log(SHARES)[:, None], np.log1p(-SHARES)[:, None]
-    each = np.logaddexp(log_rest, log_share + gain)
-    weight = np.exp(each.sum(axis=1) - log_sum(each.sum(axis=1)))
-    return np.asarray(weight @ np.exp(log_share + gain - each))
+    log_total = np.logaddexp(log_rest, log_share + gain)
+    weight = np.exp(log_total.sum(axis=1) - log_sum(log_total.sum(axis=1)))
+    return np.asarray(weight @ np.exp(log_share + gain - log_total))
 
 
 # ------------------------------------------------------------------------------------------- dates
-def dated_evidence(model: Model, group: Group, kappa: float, least: float) -> tuple[Found, Found]:
+def dated_evidence(
+    model: Model, group: Group, kappa: float, least: float
+) -> tuple[ScopeEvidence, ScopeEvidence]:
     """Evidence of a change at a date, of each aircraft or one for all, for two noise factors.
 
     The second factor is that of the candidate itself given the change, worked out only where the
     evidence by the first, ``kappa``, is ``least`` or more.
     """
-    sums, t = model.sums, group.transform
+    sums = model.sums
     by_day, _ = sums.information(group)
-    information = _after(by_day)
-    shape = _shape(information)
+    day_score = model.day_score[:, :, group.columns] @ group.transform
+    information = _reverse_cumsum(by_day)
+    shape = _unit_trace_shape(information)
     for a in range(sums.A):
-        information[a] -= _explained_after(model, group, a)
-    score = _after(model.day_score[:, :, group.columns] @ t)
+        information[a] -= _explained_from_dates(model, group, a)
+    score = _reverse_cumsum(day_score)
     flown = sums.flown
     before = np.cumsum(flown, axis=1) - flown
-    left = _after(flown)
-    able = flown & (before >= SIDES) & (left >= SIDES)
+    remaining = _reverse_cumsum(flown)
+    able = flown & (before >= SIDES) & (remaining >= SIDES)
     if not able.any():
-        nothing = Found(-np.inf, float(SCALES[0]), (), np.zeros(sums.A))
+        nothing = ScopeEvidence(-np.inf, float(SCALES[0]), (), np.zeros(sums.A))
         return nothing, nothing
     statistics = model.with_usual(group, model.statistics(group))
-    ranked = _dated(statistics, score, information, shape, able, kappa)
+    ranked = _change_evidence(statistics, score, information, shape, able, kappa)
     if ranked.evidence < least:
         return ranked, ranked
-    day_score = model.day_score[:, :, group.columns] @ t
-    factor = max(kappa, float(np.mean(_factor_given(ranked.start, day_score, by_day, statistics))))
-    return ranked, _dated(statistics, score, information, shape, able, factor)
+    factors = _factor_with_changes(ranked.start, day_score, by_day, statistics)
+    factor = max(kappa, float(np.mean(factors)))
+    return ranked, _change_evidence(statistics, score, information, shape, able, factor)
 
 
-def _explained_after(model: Model, group: Group, aircraft: int) -> Floats:
+def _explained_from_dates(model: Model, group: Group, aircraft: int) -> Floats:
     """W'W of the terms' module for columns in force from each stretch of days on, (T, m, m)."""
-    sums, part = model.sums, model.parts[aircraft]
+    sums, active = model.sums, model.by_aircraft[aircraft]
     span = sums.rows_of(aircraft)
     cuts = sums.cuts[aircraft * sums.D + np.r_[sums.first_day, sums.D]] - span.start
     values = sums.rows[span, group.columns] @ group.transform.astype(np.float32)
     cross = np.stack(
-        [part.rows[i:j].T @ values[i:j] for i, j in itertools.pairwise(cuts)], dtype=np.float64
+        [active.rows[i:j].T @ values[i:j] for i, j in itertools.pairwise(cuts)], dtype=np.float64
     )
     shared = sums.shared[aircraft][..., group.columns] @ group.transform
-    cross -= sums.by_stretch(np.swapaxes(model.term_shared[..., part.at], 1, 2) @ shared, 0)
-    known = part.root @ _after(cross[None])[0]
-    return np.asarray(np.swapaxes(known, 1, 2) @ known)
+    cross -= sums.by_stretch(np.swapaxes(model.term_shared[..., active.at], 1, 2) @ shared, 0)
+    explained = active.root @ _reverse_cumsum(cross[None])[0]
+    return np.asarray(np.swapaxes(explained, 1, 2) @ explained)
 
 
-def _after(x: Floats) -> Floats:
+def _reverse_cumsum(x: Floats) -> Floats:
     """Sums over each stretch of days and all after it, (A, T, ...)."""
     return np.cumsum(x[:, ::-1], axis=1)[:, ::-1]
 
 
-def _factor_given(
-    start: Mapping[int, int], score: Floats, by_day: Floats, found: Statistics
+def _factor_with_changes(
+    start: Mapping[int, int], score: Floats, by_day: Floats, stats: Statistics
 ) -> Floats:
     """Noise factor of each aircraft, whose changes are no scatter of its days."""
     days, m = np.arange(score.shape[1]), score.shape[2]
-    apart = np.empty_like(score)
+    residual = np.empty_like(score)
     for a, (scores, information) in enumerate(zip(score, by_day, strict=True)):
         late = (days >= start.get(a, days.size))[:, None]
-        both = np.concatenate([scores, scores * late], axis=1).sum(axis=0)
-        whole, after = information.sum(axis=0), (information * late[..., None]).sum(axis=0)
-        joint = np.block([[whole, after], [after, after]]) + np.eye(2 * m) / WIDE**2
-        fit = np.linalg.solve(joint, both)
-        apart[a] = scores - information @ fit[:m] - late * (information @ fit[m:])
-    inverse = np.asarray(np.linalg.inv(found.information + found.ridge), np.float64)
-    factors = [cluster_factor(apart, by_day, inverse, found.ridge, n) for n in BLOCKS]
+        joint_score = np.concatenate([scores, scores * late], axis=1).sum(axis=0)
+        total, later = information.sum(axis=0), (information * late[..., None]).sum(axis=0)
+        joint = np.block([[total, later], [later, later]]) + np.eye(2 * m) / WIDE**2
+        fit = np.linalg.solve(joint, joint_score)
+        residual[a] = scores - information @ fit[:m] - late * (information @ fit[m:])
+    inverse = np.asarray(np.linalg.inv(stats.information + stats.ridge), np.float64)
+    factors = [cluster_factor(residual, by_day, inverse, stats.ridge, n) for n in BLOCKS]
     return np.maximum(*factors)
 
 
-def _shape(information: Floats) -> Floats:
-    """Information with the trace of the unit matrix, which it is where nothing is known."""
+def _unit_trace_shape(information: Floats) -> Floats:
+    """Information scaled to the trace of the unit matrix, which replaces it where it is zero."""
     m = information.shape[-1]
     trace = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
     eye = np.eye(m)
@@ -333,7 +335,7 @@ def _shape(information: Floats) -> Floats:
 
 
 def next_day(able: Booleans) -> Integers:
-    """Day on which each aircraft changes that is to change on a day, (A, D); -1 for none."""
+    """First day, from each day on, on which each aircraft can change, (A, D); -1 for none."""
     out = np.full(able.shape, -1, np.int64)
     later = np.full(able.shape[0], -1, np.int64)
     for d in range(able.shape[1] - 1, -1, -1):
@@ -342,25 +344,25 @@ def next_day(able: Booleans) -> Integers:
     return out
 
 
-def _dated(
-    found: Statistics,
+def _change_evidence(
+    stats: Statistics,
     score: Floats,
     information: Floats,
     shape: Floats,
     able: Booleans,
     kappa: float,
-) -> Found:
+) -> ScopeEvidence:
     aircraft, days = able.shape
     m = score.shape[-1]
-    variance, given_back = common_variance(found)
-    returned = given_back @ found.score.sum(axis=0)
-    whole_score = (found.score + found.information @ returned) / kappa
+    variance, given_back = common_variance(stats)
+    returned = given_back @ stats.score.sum(axis=0)
+    total_score = (stats.score + stats.information @ returned) / kappa
     score = (score + information @ returned) / kappa
-    whole, information = found.information / kappa, information / kappa
+    total, information = stats.information / kappa, information / kappa
     common, eye = _Common(variance), np.eye(m)
-    small = SMALL**2 + np.broadcast_to(found.remainder, aircraft)
+    small = SMALL**2 + np.broadcast_to(stats.remainder, aircraft)
 
-    def with_small(information: Floats, score: Floats) -> Parts:
+    def with_small(information: Floats, score: Floats) -> Gaussians:
         """The small undated part of each aircraft integrated; (A, ..., m, m), (A, ..., m)."""
         free = small.reshape(-1, *[1] * (score.ndim - 2))
         spread = eye + free[..., None, None] * information
@@ -368,60 +370,59 @@ def _dated(
         level = 0.5 * free * (score * solved).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1]
         return level, np.asarray(solved), np.asarray(np.linalg.solve(spread, information))
 
-    null = with_small(whole, whole_score)
-    sums = [part.sum(axis=0) for part in null]
+    null = with_small(total, total_score)
+    sums = [x.sum(axis=0) for x in null]
     nothing = float(common.total(*sums))
     prior, following = number_prior(aircraft), next_day(able)
     dates = np.maximum(able.sum(axis=1), 1)
     anywhere: Booleans = np.asarray(able.sum(axis=1) > 0)
     rows = np.arange(aircraft)
-    separate, shared, kept = [], [], []
+    separate, shared, by_scale = [], [], []
     for s in SCALES:
         slab = information + shape / s**2
         turned = np.linalg.solve(slab, information)
-        rest = whole[:, None] - information @ turned
-        linear = whole_score[:, None] - np.einsum("adij,adi->adj", turned, score)
+        rest = total[:, None] - information @ turned
+        linear = total_score[:, None] - np.einsum("adij,adi->adj", turned, score)
         change = 0.5 * (score * np.linalg.solve(slab, score[..., None])[..., 0]).sum(-1)
         change -= 0.5 * (np.linalg.slogdet(s**2 * slab)[1] - np.linalg.slogdet(shape)[1])
         level, linear, rest = with_small(rest, linear)
         level = level + change
         # (T, A): each aircraft changes on its next flying day
         picked = (level[rows, following.T], linear[rows, following.T], rest[rows, following.T])
-        none = np.zeros(1)
-        nested, gains = _nested(common, null, picked, add=none, able=following.T >= 0)
+        nested, gains = _best_sets(common, null, picked, add=np.zeros(1), able=following.T >= 0)
         by_date = log_sum(nested + prior, axis=1)
         by_date[~able.any(axis=0)] = -np.inf
         shared.append(float(log_sum(by_date)) - np.log(days) - nothing)
-        # dates of their own: each aircraft's best, with what the other dates add
+        # separate dates: each aircraft's best, with the evidence that the other dates add
         phi = common.mean(sums[1], sums[2])
         for _ in range(3):
-            density = _at(level, linear, rest, phi) - _at(*null, phi)[:, None]
+            density = _log_density(level, linear, rest, phi) - _log_density(*null, phi)[:, None]
             density = np.where(able, density, -np.inf)
             best = density.argmax(axis=1)
-            each = np.full(aircraft, -np.inf)
-            each[anywhere] = log_sum(density[anywhere], axis=1) - np.log(dates[anywhere])
+            by_aircraft = np.full(aircraft, -np.inf)
+            by_aircraft[anywhere] = log_sum(density[anywhere], axis=1) - np.log(dates[anywhere])
             picked = (level[rows, best], linear[rows, best], rest[rows, best])
-            _, phi_score, phi_information = _chosen(each > 0, picked, null)
+            _, phi_score, phi_information = _sum_of_cases(by_aircraft > 0, picked, null)
             phi = common.mean(phi_score, phi_information)
         several = np.zeros(aircraft)
-        several[anywhere] = each[anywhere] - density[anywhere].max(axis=1)
-        nested, gain = _nested(common, null, picked, add=several, able=anywhere)
+        several[anywhere] = by_aircraft[anywhere] - density[anywhere].max(axis=1)
+        nested, gain = _best_sets(common, null, picked, add=several, able=anywhere)
         separate.append(float(log_sum(nested + prior)) - nothing)
-        kept.append((by_date, gains, best, gain))
+        by_scale.append((by_date, gains, best, gain))
     evidence = float(np.logaddexp(log_sum(separate), log_sum(shared))) - np.log(2 * SCALES.size)
     if max(shared) >= max(separate):
         k = int(np.argmax(shared))
-        by_date, gains, _, _ = kept[k]
+        by_date, gains, _, _ = by_scale[k]
         day = int(by_date.argmax())
         gain, start = gains[day], np.maximum(following[:, day], 0)
     else:
         k = int(np.argmax(separate))
-        _, _, start, gain = kept[k]
+        _, _, start, gain = by_scale[k]
     inclusion = 1 / (1 + np.exp(-np.clip(gain, -30, 30)))
     tails = tuple(int(a) for a in np.flatnonzero(inclusion > INCLUDED))
     begins = {a: int(start[a]) for a in tails}
     mean = shape[list(tails), start[list(tails)]].mean(axis=0) if tails else eye
-    return Found(evidence, float(SCALES[k]), tails, inclusion, start=begins, shape=mean)
+    return ScopeEvidence(evidence, float(SCALES[k]), tails, inclusion, start=begins, shape=mean)
 
 
 # --------------------------------------------------------------------------------------- exchanges
@@ -429,8 +430,8 @@ def _dated(
 class Exchange:
     """Two aircraft that exchanged identifiers on a day.
 
-    ``evidence`` is against no exchange, ``as_changes`` that of a change of either at that day with
-    coefficients of its own, both less the log number of pairs and days.
+    ``evidence`` is against no exchange, ``as_changes`` that of separate changes of both aircraft
+    at that day, each less the log number of pairs and days.
     """
 
     pair: tuple[int, int]
@@ -452,28 +453,28 @@ def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | No
     information = by_day / kappa
     score = model.day_score[:, :, group.columns] @ t / kappa
 
-    late_information, late_score = _after(information), _after(score)
+    late_information, late_score = _reverse_cumsum(information), _reverse_cumsum(score)
     early_information = information.sum(axis=1)[:, None] - late_information
     early_score = score.sum(axis=1)[:, None] - late_score
     eye = np.eye(group.size)
 
     def evidence(information: Floats, score: Floats) -> Floats:
-        each = []
+        out = []
         for s in SCALES:
             spread = s**2 * information + eye
             solved = np.linalg.solve(spread, score[..., None])[..., 0]
-            each.append(0.5 * s**2 * (solved * score).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1])
-        return np.asarray(log_sum(each, axis=0) - np.log(SCALES.size))
+            out.append(0.5 * s**2 * (solved * score).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1])
+        return np.asarray(log_sum(out, axis=0) - np.log(SCALES.size))
 
-    whole = evidence(information.sum(axis=1), score.sum(axis=1))
+    unchanged = evidence(information.sum(axis=1), score.sum(axis=1))
     crossed = evidence(
         early_information[:, None] + late_information[None], early_score[:, None] + late_score[None]
     )
-    gain = crossed + crossed.transpose(1, 0, 2) - (whole[:, None] + whole[None])[..., None]
+    gain = crossed + crossed.transpose(1, 0, 2) - (unchanged[:, None] + unchanged[None])[..., None]
     change = (
         evidence(early_information, early_score)
         + evidence(late_information, late_score)
-        - whole[:, None]
+        - unchanged[:, None]
     )
     gain[:, :, :SIDES], gain[:, :, -SIDES:] = -np.inf, -np.inf
     gain[np.arange(sums.A), np.arange(sums.A)] = -np.inf

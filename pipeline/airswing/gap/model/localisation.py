@@ -27,10 +27,10 @@ from airswing.gap.result.schema import CurveEntry, SliceEntry
 def score_test(information: Floats, score: Floats, factor: float) -> tuple[float, Floats]:
     """Chi-squared p value of a score, and the estimate, (m,)."""
     values, vectors = np.linalg.eigh(information)
-    kept = values > 1e-3 * max(values[-1], 1e-300)  # directions of hardly any information
-    half = vectors[:, kept] / np.sqrt(values[kept])
+    retained = values > 1e-3 * max(values[-1], 1e-300)  # directions of hardly any information
+    half = vectors[:, retained] / np.sqrt(values[retained])
     projected = half.T @ score
-    p_value = float(chi2.sf(float(projected @ projected) / factor, int(kept.sum())))
+    p_value = float(chi2.sf(float(projected @ projected) / factor, int(retained.sum())))
     return p_value, np.asarray(half @ projected)
 
 
@@ -51,30 +51,30 @@ def slices(model: Model) -> list[SliceEntry]:
         half = np.arange(sums.T) % 2 == 0
     rows: list[SliceEntry] = []
     for group in (g for g in sums.candidates.groups if g.kind == "table" and g.form == (0,)):
-        found = model.statistics(group)
+        stats = model.statistics(group)
         score = model.day_score[:, :, group.columns] @ group.transform
         knots = knots_in_words(sums.candidates.table_of(group).curves[0])
         if group.name == "magnetic_heading|heading_angle":
             for a, tail in enumerate(sums.frame.tails):
-                information = found.information[a]
+                information = stats.information[a]
                 if np.trace(information) <= 0:
                     continue
-                factor = max(1.0, float(found.factor[a]))
+                factor = max(1.0, float(stats.factor[a]))
                 p_value, estimate = score_test(information, score[a].sum(axis=0), factor)
                 energy = cross_fitted(information, score[a], half)
                 curve = CurveEntry(knots, estimate.tolist())
                 entry = SliceEntry("aircraft", "both", [tail], 0.0, 1.0, p_value, energy, "", curve)
                 rows.append(entry)
-        information = found.fleet_information
+        information = stats.fleet_information
         if np.trace(information) <= 1e-9:
             continue
         # what lasts in the reference's error counts as noise of the fleet's coefficients
-        variance, _ = common_variance(found)
-        whole = score.sum(axis=(0, 1))
-        coefficients = found.fleet_inverse @ whole
-        spread = np.linalg.solve(variance + found.fleet_inverse, coefficients)
+        variance, _ = common_variance(stats)
+        total_score = score.sum(axis=(0, 1))
+        coefficients = stats.fleet_inverse @ total_score
+        spread = np.linalg.solve(variance + stats.fleet_inverse, coefficients)
         p_value = float(chi2.sf(float(coefficients @ spread), coefficients.size))
-        _, estimate = score_test(information, whole, 1.0)
+        _, estimate = score_test(information, total_score, 1.0)
         energy = cross_fitted(information, score.sum(axis=0), half)
         curve = CurveEntry(knots, (group.transform @ estimate).tolist())
         variable, component, name = group.variables[0], group.component, group.name

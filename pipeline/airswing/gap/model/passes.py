@@ -2,10 +2,10 @@
 
 Where two aircraft look as if they had exchanged identifiers, the archive with corrected identifiers
 is searched as well, and the labelling with the larger evidence is kept. Where sensor effects
-are large, a further pass is linearised about them: heading and airspeed are corrected by what was
-found, and the effects found are added to the residual as their columns have them, so that what the
-columns do not hold of a large effect is not searched. A search ends before a candidate with less
-evidence than that second order, and the next pass goes on.
+are large, a further pass is linearised about them: heading and airspeed are corrected by the
+effects found, which are added to the residual as their columns have them, so that the second order
+of a large effect is not searched. A search ends before a candidate with less evidence than that
+second order, and the next pass goes on.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ PASSES = 4
 
 @dataclass
 class Fitted:
-    """A model and what it was made of; exchanged identifiers are corrected in the frame."""
+    """A model and its input; exchanged identifiers are corrected in the frame."""
 
     frame: Frame
     context: Frame
@@ -57,7 +57,7 @@ class Fitted:
     def search(
         self, effects: Mapping[str, Effect], start: Sequence[Term] = (), *, settled: bool = False
     ) -> None:
-        """Search until nothing is found, or less than the second order of what was found."""
+        """Search until nothing is found, or less than the second order of the effects found."""
         model = self.model
 
         def second_order(terms: Sequence[Term]) -> float:
@@ -117,13 +117,13 @@ def fit_model(
     is fitted to flights drawn with the ``seed``.
     """
     fitted = prepared(frame, effects, tables=tables, seed=seed)
-    found = _exchange(fitted, effects) if exchanges else None
+    exchange = _likeliest_exchange(fitted, effects) if exchanges else None
     fitted.search(effects)
-    if found is not None:
-        LOG.debug("exchange %s", found)
-        other = _with_exchange(fitted, found, effects, tables, seed)
-        if other is not None:
-            fitted = other
+    if exchange is not None:
+        LOG.debug("exchange %s", exchange)
+        corrected = _fit_with_exchange(fitted, exchange, effects, tables, seed)
+        if corrected is not None:
+            fitted = corrected
     fitted.refit(effects)
     for _ in range(PASSES):
         again = _linearised(fitted, effects, tables, seed)
@@ -133,48 +133,48 @@ def fit_model(
     return fitted
 
 
-def _exchange(fitted: Fitted, effects: Mapping[str, Effect]) -> Exchange | None:
+def _likeliest_exchange(fitted: Fitted, effects: Mapping[str, Effect]) -> Exchange | None:
     """The likeliest exchange where it beats none, and changes of the two aircraft."""
     groups = fitted.model.sums.candidates.groups
     steps = [g for g in groups if g.named and g.dated and g.size == 3]
     if not steps:
         return None
     factor = fitted.model.statistics(steps[0]).factor
-    found = exchange_evidence(fitted.model, steps[0], max(1.0, float(np.mean(factor))))
-    if found is None or found.evidence - np.log(2 * len(effects)) < GATE:
+    exchange = exchange_evidence(fitted.model, steps[0], max(1.0, float(np.mean(factor))))
+    if exchange is None or exchange.evidence - np.log(2 * len(effects)) < GATE:
         return None
-    return found if found.evidence > found.as_changes else None
+    return exchange if exchange.evidence > exchange.as_changes else None
 
 
-def exchanged(frame: Frame, found: Exchange, sums: Sums) -> Frame:
+def exchange_identifiers(frame: Frame, exchange: Exchange, sums: Sums) -> Frame:
     """Frame with the identifiers of the later reports of a pair exchanged."""
-    first, second = found.pair
-    late = sums.day >= found.day
+    first, second = exchange.pair
+    late = sums.day >= exchange.day
     aircraft = frame.aircraft.copy()
     aircraft[late & (frame.aircraft == first)] = second
     aircraft[late & (frame.aircraft == second)] = first
     return replace(frame, aircraft=aircraft)
 
 
-def _with_exchange(
+def _fit_with_exchange(
     fitted: Fitted,
-    found: Exchange,
+    exchange: Exchange,
     effects: Mapping[str, Effect],
     tables: bool,
     seed: int,
 ) -> Fitted | None:
-    frame = exchanged(fitted.frame, found, fitted.model.sums)
-    other = prepared(frame, effects, tables=tables, seed=seed, noise=fitted.noise)
-    other.search(effects)
-    kappa = max(fitted.model.kappa, other.model.kappa)
-    gain = total_evidence(other, kappa) - total_evidence(fitted, kappa)
+    frame = exchange_identifiers(fitted.frame, exchange, fitted.model.sums)
+    corrected = prepared(frame, effects, tables=tables, seed=seed, noise=fitted.noise)
+    corrected.search(effects)
+    kappa = max(fitted.model.kappa, corrected.model.kappa)
+    gain = total_evidence(corrected, kappa) - total_evidence(fitted, kappa)
     pairs = fitted.model.sums.A * (fitted.model.sums.A - 1) / 2 * fitted.model.sums.D
     evidence = gain - float(np.log(pairs))
     LOG.debug("exchange with all other terms: %.1f", evidence)
     if evidence - np.log(2 * len(effects)) < GATE:
         return None
-    other.exchange = replace(found, evidence=evidence)
-    return other
+    corrected.exchange = replace(exchange, evidence=evidence)
+    return corrected
 
 
 def total_evidence(fitted: Fitted, kappa: float) -> float:

@@ -38,7 +38,7 @@ def fold_of_day(days: int) -> Integers:
 
 
 class Response:
-    """What terms do to every report, at the heading, airspeed and wind that were reported.
+    """Changes of every report by terms, at the heading, airspeed and wind that were reported.
 
     ``sensor`` marks the terms of the model that act on the indicated heading or airspeed.
     """
@@ -78,11 +78,11 @@ class Response:
             return self.raw[k + 1]
         return np.asarray(self.raw[k + 1] + 2 * curved * of_reports(self.model, k, theta)[:, None])
 
-    def together(self, effects: Sequence[Floats], which: Sequence[int]) -> Floats:
+    def combined(self, effects: Sequence[Floats], numbers: Sequence[int]) -> Floats:
         """Change by several terms, given the first-order change by each, (n, 2) m/s."""
         nothing = np.zeros((self.frame.size, 2))
-        linear = sum((effects[k] for k in which if not self.sensor[k]), nothing)
-        errors = sum((effects[k] for k in which if self.sensor[k]), nothing)
+        linear = sum((effects[k] for k in numbers if not self.sensor[k]), nothing)
+        errors = sum((effects[k] for k in numbers if self.sensor[k]), nothing)
         corrected, _, _ = without_errors(self.frame, errors)
         return np.asarray(linear + self.frame.residual - corrected.residual)
 
@@ -93,9 +93,9 @@ def of_reports(model: Model, k: int, theta: Floats) -> Floats:
     block = np.atleast_2d(theta)[:, model.offsets[k + 1] : model.offsets[k + 2]]
     coefficients = np.zeros((block.shape[0], sums.A, term.group.size))
     coefficients[:, list(term.tails)] = block.reshape(block.shape[0], -1, term.group.size)
-    each = coefficients @ term.group.transform.T
+    by_aircraft = coefficients @ term.group.transform.T
     fold = fold_of_day(sums.D)[sums.day] if block.shape[0] > 1 else np.zeros(sums.n, np.int64)
-    of_report = each[fold, sums.aircraft]
+    of_report = by_aircraft[fold, sums.aircraft]
     if term.start:
         first = np.array([term.start.get(a, sums.D) for a in range(sums.A)])
         of_report[sums.day < first[sums.aircraft]] = 0.0
@@ -158,19 +158,19 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
         response.without_noise(k)
         exact[k + 1] = instruments[k + 1]
         column = [z.product_by_fold(exact[k + 1], of_row, folds) for z in instruments]
-        by_fold[:, :, parts[k]] = np.concatenate(column, axis=1)
+        by_fold[:, :, blocks[k]] = np.concatenate(column, axis=1)
 
     by_fold = products()
-    gram = np.block([[one.product(other) for other in instruments] for one in instruments])
-    parts = [slice(int(i), int(j)) for i, j in itertools.pairwise(model.offsets[1:])]
-    for k, part in enumerate(parts):
-        cross = by_fold[:, part, part].sum(axis=0)
-        if _weak_direction(gram[part, part], cross, precision[part, part]) is not None:
+    gram = np.block([[z.product(y) for y in instruments] for z in instruments])
+    blocks = [slice(int(i), int(j)) for i, j in itertools.pairwise(model.offsets[1:])]
+    for k, block in enumerate(blocks):
+        cross = by_fold[:, block, block].sum(axis=0)
+        if _weak_direction(gram[block, block], cross, precision[block, block]) is not None:
             without_noise(k)
     # functions of the reported and of the reference wind, or curves of one heading, may cancel
     while (weak := _weak_direction(gram, by_fold.sum(axis=0), precision)) is not None:
-        size = [float(weak[part] @ gram[part, part] @ weak[part]) for part in parts]
-        noisy = [k for k in range(len(parts)) if exact[k + 1] is not instruments[k + 1]]
+        size = [float(weak[block] @ gram[block, block] @ weak[block]) for block in blocks]
+        noisy = [k for k in range(len(blocks)) if exact[k + 1] is not instruments[k + 1]]
         if not noisy:
             break
         k = max(noisy, key=lambda k: size[k])
@@ -184,30 +184,30 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
             raw = sums.whitened(response.derivative(k, theta))
             exact[k + 1] = instruments[k + 1] = Columns(sums, model.terms[k], raw)
         by_fold = products() if curved else by_fold
-        whole = by_fold.sum(axis=0) + precision
+        normal = by_fold.sum(axis=0) + precision
         linear = [response.linear(k, theta) for k in range(len(model.terms))]
-        left = frame.residual - response.together(linear, range(len(model.terms)))
+        residual = frame.residual - response.combined(linear, range(len(model.terms)))
         base = model.base.group
-        left = left - response.raw[0] @ (base.transform @ theta[: base.size])
-        inverse = sums.invert(sums.whitened(left[:, :, None])[:, 0])
+        residual = residual - response.raw[0] @ (base.transform @ theta[: base.size])
+        inverse = sums.invert(sums.whitened(residual[:, :, None])[:, 0])
         scores = np.zeros((folds, theta.size))
-        for start, one in zip(model.offsets, instruments, strict=False):
-            for a, (at, values) in one.rows.items():
+        for start, columns in zip(model.offsets, instruments, strict=False):
+            for a, (at, values) in columns.rows.items():
                 span = sums.rows_of(a)
                 for j in range(folds):
-                    chosen = of_row[span] == j
-                    scores[j, start + at] += values[chosen].T @ inverse[span][chosen]
+                    in_fold = of_row[span] == j
+                    scores[j, start + at] += values[in_fold].T @ inverse[span][in_fold]
         if step == steps:
             break
-        move = np.linalg.solve(whole, scores.sum(axis=0) - precision @ theta)
+        move = np.linalg.solve(normal, scores.sum(axis=0) - precision @ theta)
         theta = theta + move
         if np.abs(move).max(initial=0.0) < 1e-3:  # m/s
             break
-    inner = np.linalg.inv(whole)
-    gram = np.block([[one.product(other) for other in instruments] for one in instruments])
+    inner = np.linalg.inv(normal)
+    gram = np.block([[z.product(y) for y in instruments] for z in instruments])
     covariance = model.kappa * inner @ (gram + precision) @ inner.T
     without = np.stack(
-        [theta - np.linalg.solve(whole - by_fold[j], scores[j]) for j in range(folds)]
+        [theta - np.linalg.solve(normal - by_fold[j], scores[j]) for j in range(folds)]
     )
     differs = [
         any(not np.array_equal(z.rows[a][1], x.rows[a][1]) for a in z.rows)
@@ -243,14 +243,14 @@ def _precision(model: Model) -> Floats:
             for factor in (0.5, 1.0, 2.0, 4.0)
             for j in range(7 if several else 1)
         ]
-        each = []
+        evidences = []
         for option in options:
             precision[block, block] = option
             solved = np.linalg.solve(gram + precision, score)
-            each.append(
+            evidences.append(
                 score @ solved
                 - np.linalg.slogdet(gram + precision)[1]
                 + np.linalg.slogdet(option)[1]
             )
-        precision[block, block] = options[int(np.argmax(each))]
+        precision[block, block] = options[int(np.argmax(evidences))]
     return np.asarray(precision)

@@ -32,10 +32,10 @@ LOG = logging.getLogger(__name__)
 #: its columns are evaluated at, an error of first order of (5 degrees)^2 / 2 = 0.4 % of the energy;
 #: ten times that for context that is inferred.
 REPRESENTS = 0.96
-#: Standard error of a coefficient, m/s, up to which it says what is usual; fewest of them; median
+#: Largest standard error of a coefficient of `usual_sizes`, m/s; fewest of them; median
 #: of chi squared with one degree of freedom.
 KNOWN_TO, FEW, CHI_SQUARED_MEDIAN = 0.15, 20, 0.455
-#: Days below which what all aircraft share cannot be separated from the weather of those days.
+#: Days below which fleet-wide effects cannot be separated from the weather of those days.
 DAYS = 3
 #: Names and tables in a contest, the best of each by the screening score.
 NAMES, TABLES = 12, 6
@@ -64,33 +64,33 @@ def screen(model: Model, groups: Sequence[Group] | None = None) -> list[Term]:
     for group in model.sums.candidates.groups if groups is None else groups:
         if group.kind in ("nuisance", "probe"):
             continue
-        found = model.statistics(group)
+        stats = model.statistics(group)
         if group.dated:
             ranked, gated = dated_evidence(model, group, model.kappa, GATE - group.prior)
             scores = ranked.evidence + group.prior, gated.evidence + group.prior
             start = {a: int(model.sums.first_day[k]) for a, k in gated.start.items()}
-            what = gated.scale, start, *scores, gated.inclusion
+            fields = gated.scale, start, *scores, gated.inclusion
             if gated.tails:
-                out.append(Term(group, "a", gated.tails, *what, shape=gated.shape))
+                out.append(Term(group, "a", gated.tails, *fields, shape=gated.shape))
             continue
-        factor = max(model.kappa, float(np.mean(found.factor)))
-        usual_too = model.with_usual(group, found)
-        out += _static(model, group, usual_too, factor)
+        factor = max(model.kappa, float(np.mean(stats.factor)))
+        usual_too = model.with_usual(group, stats)
+        out += _static_terms(model, group, usual_too, factor)
     return sorted(out, key=lambda term: -term.score)
 
 
 def usual_sizes(
     statistics: Sequence[tuple[Group, Statistics]], kappa: float
 ) -> dict[str, tuple[float, float]]:
-    """Variances of the errors that all aircraft, and all fleets, have, by part, from all tables.
+    """Variances of the errors that all aircraft, and all fleets, have, by quantity in error.
 
     With coefficients theta of variance v by their noise, the variance m^2 (m2 s-2) for which the
     median of theta^2 / (v + m^2) is that of chi squared; over all tables, aircraft and directions,
     of which an effect concerns few. Directions that are hardly known are left out.
     """
     out = {}
-    for part in ("heading", "airspeed", "wind"):
-        tables = [s for group, s in statistics if group.kind == "table" and group.part == part]
+    for quantity in ("heading", "airspeed", "wind"):
+        tables = [s for g, s in statistics if g.kind == "table" and g.quantity == quantity]
         aircraft = [_directions(s.information, s.score, kappa) for s in tables]
         fleet = [
             _directions(
@@ -98,7 +98,7 @@ def usual_sizes(
             )
             for s in tables
         ]
-        out[part] = _median_variance(aircraft), _median_variance(fleet)
+        out[quantity] = _median_variance(aircraft), _median_variance(fleet)
     return out
 
 
@@ -106,13 +106,13 @@ def _directions(information: Floats, score: Floats, factor: float) -> tuple[Floa
     """Squared coefficients along the axes of the information, and their variances."""
     values, vectors = np.linalg.eigh(information)
     turned = np.einsum("aji,aj->ai", vectors, score)
-    known = values > factor / KNOWN_TO**2
-    return (turned[known] / values[known]) ** 2, factor / values[known]
+    precise = values > factor / KNOWN_TO**2
+    return (turned[precise] / values[precise]) ** 2, factor / values[precise]
 
 
-def _median_variance(parts: Sequence[tuple[Floats, Floats]]) -> float:
-    squares = np.concatenate([square for square, _ in parts]) if parts else np.zeros(0)
-    noise = np.concatenate([variance for _, variance in parts]) if parts else np.zeros(0)
+def _median_variance(directions: Sequence[tuple[Floats, Floats]]) -> float:
+    squares = np.concatenate([square for square, _ in directions]) if directions else np.zeros(0)
+    noise = np.concatenate([variance for _, variance in directions]) if directions else np.zeros(0)
     if squares.size < FEW:
         return 0.0
     low, high = 0.0, 1.0
@@ -125,7 +125,7 @@ def _median_variance(parts: Sequence[tuple[Floats, Floats]]) -> float:
     return float(low)
 
 
-def _static(model: Model, group: Group, found: Statistics, factor: float) -> list[Term]:
+def _static_terms(model: Model, group: Group, stats: Statistics, factor: float) -> list[Term]:
     scopes = group.scopes
     if model.sums.span < DAYS:
         if not group.named:
@@ -138,16 +138,15 @@ def _static(model: Model, group: Group, found: Statistics, factor: float) -> lis
         scopes = scopes.replace("a", "")
     if not scopes:
         return []
-    ranked = static_evidence(found, model.kappa, scopes, having=having)
+    ranked = static_evidence(stats, model.kappa, scopes, having=having)
     gated = ranked
     if factor > model.kappa and any(r.evidence + group.prior > GATE for r in ranked.values()):
-        gated = static_evidence(found, factor, scopes, having=having)
+        gated = static_evidence(stats, factor, scopes, having=having)
     out = []
-    for scope, one in ranked.items():
-        if one.tails:
-            scores = one.evidence + group.prior, gated[scope].evidence + group.prior
-            what = one.inclusion, one.spread
-            out.append(Term(group, scope, one.tails, one.scale, {}, *scores, *what))
+    for scope, r in ranked.items():
+        if r.tails:
+            scores = r.evidence + group.prior, gated[scope].evidence + group.prior
+            out.append(Term(group, scope, r.tails, r.scale, {}, *scores, r.inclusion, r.spread))
     return out
 
 
@@ -167,12 +166,12 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
     names = [t for t in short if t.group.named][:NAMES]
     tables = [t for t in short if not t.group.named and not t.group.simple][:TABLES]
     short = names + tables + [t for t in short if t.group.simple]
-    scored = [_exactly(model, terms, term) for term in short]
+    scored = [_rescored(model, terms, term) for term in short]
     # the screening score of fleet-wide candidates hardly says which form fits
     named = max((t for t in scored if t.group.named), key=lambda t: t.score, default=None)
     if named is not None and named.scope == "f":
         forms = [
-            _exactly(model, terms, term)
+            _rescored(model, terms, term)
             for term in able
             if (term.group.name, term.scope, term.group.dated)
             == (named.group.name, named.scope, named.group.dated)
@@ -192,17 +191,17 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
         names = [
             t
             for t in scored
-            if t.group.named and not any(t.score < s.score and _as_simple(s, t) for s in tables)
+            if t.group.named and not any(t.score < s.score and _is_as_simple(s, t) for s in tables)
         ]
         represented = [t for t in names if t.score > REPRESENTS * best.score]
         if represented:
             best = represented[0]
         elif names:
-            best = _named_together(model, terms, tables, names) or best
-    best = _to_the_day(model, terms, _without_idle(model, terms, best))
-    others = [t for t in scored if t.label != best.label]
-    rivals = tuple((best.score - t.score, t.group.name, t.scope) for t in others)
-    return [replace(best, rivals=rivals, weight=_weight(best, others)), *others]
+            best = _several_names(model, terms, tables, names) or best
+    best = _refine_dates(model, terms, _prune_aircraft(model, terms, best))
+    rest = [t for t in scored if t.label != best.label]
+    rivals = tuple((best.score - t.score, t.group.name, t.scope) for t in rest)
+    return [replace(best, rivals=rivals, weight=_posterior_weight(best, rest)), *rest]
 
 
 def _is_usual(model: Model, terms: Sequence[Term], table: Term) -> bool:
@@ -211,76 +210,76 @@ def _is_usual(model: Model, terms: Sequence[Term], table: Term) -> bool:
     forms: dict[str, Term] = {}
     for group in model.sums.candidates.groups:
         if group.named and not group.dated and "a" in group.scopes:
-            usual = float(np.hypot(SMALL, np.sqrt(model.usual.get(group.part, (0.0,))[0])))
+            usual = float(np.hypot(SMALL, np.sqrt(model.usual.get(group.quantity, (0.0,))[0])))
             forms.setdefault(group.name, Term(group, "a", every, usual))
-    scored = [_exactly(model, terms, name) for name in forms.values()]
+    scored = [_rescored(model, terms, name) for name in forms.values()]
     best = max(scored, key=lambda t: t.score, default=None)
     if best is None or best.score <= REPRESENTS * table.score:
         return False
-    return _exactly(model, [*terms, best], table).score <= GATE
+    return _rescored(model, [*terms, best], table).score <= GATE
 
 
-def _named_together(
+def _several_names(
     model: Model, terms: Sequence[Term], tables: Sequence[Term], named: Sequence[Term]
 ) -> Term | None:
     """First of several names that leave the best table nothing to explain; None for none.
 
     A table of fewer coefficients must not be better than the names.
     """
-    table, chosen = tables[0], list[Term]()
+    table, selected = tables[0], list[Term]()
     names = [group for group in model.sums.candidates.groups if group.named]
-    freedom, total, found = 0, 0.0, None
+    freedom, total, first = 0, 0.0, None
     for _ in range(TOGETHER):
-        given = [*terms, *chosen]
-        if chosen:
-            model.condition(given)
+        fitted = [*terms, *selected]
+        if selected:
+            model.condition(fitted)
             named = [t for t in screen(model, names) if t.gate > GATE][:TABLES]
-        options = [_exactly(model, given, term) for term in named]
+        options = [_rescored(model, fitted, term) for term in named]
         best = max(options, key=lambda t: t.score, default=None)
         if best is None or best.score <= GATE:
             break
-        best = _without_idle(model, given, best)
+        best = _prune_aircraft(model, fitted, best)
         LOG.debug("  several names: %s", describe(best))
-        chosen.append(best)
+        selected.append(best)
         freedom, total = freedom + best.freedom, total + best.score
         if freedom > table.freedom:
             break
-        if any(total < one.score and one.freedom < freedom for one in tables):
+        if any(total < t.score and t.freedom < freedom for t in tables):
             continue
-        left = _exactly(model, [*terms, *chosen], table).score
-        if total > REPRESENTS * table.score and left < (1 - REPRESENTS) * table.score:
-            found = chosen[0]
+        remaining = _rescored(model, [*terms, *selected], table).score
+        if total > REPRESENTS * table.score and remaining < (1 - REPRESENTS) * table.score:
+            first = selected[0]
             break
     model.condition(terms)
-    return found
+    return first
 
 
-def _as_simple(one: Term, other: Term) -> bool:
+def _is_as_simple(term: Term, rival: Term) -> bool:
     """Whether a term has no more coefficients than another, in all or for each aircraft."""
-    alike = one.scope == other.scope and one.group.size <= other.group.size
-    return alike or one.freedom <= other.freedom
+    by_aircraft = term.scope == rival.scope and term.group.size <= rival.group.size
+    return by_aircraft or term.freedom <= rival.freedom
 
 
-def _exactly(model: Model, terms: Sequence[Term], term: Term) -> Term:
+def _rescored(model: Model, terms: Sequence[Term], term: Term) -> Term:
     """A term with its exact evidence given others and its log prior as score."""
     return term.with_score(model.gain(terms, term) + term.group.prior + set_prior(model, term))
 
 
-def _weight(best: Term, others: Sequence[Term]) -> float:
+def _posterior_weight(best: Term, rivals: Sequence[Term]) -> float:
     """Posterior probability of a term among those of the contest that are no part of it.
 
     A name competes with the other names and with simpler tables, a table with the names.
     """
-    apart = [
+    margins = [
         best.score - t.score
-        for t in others
+        for t in rivals
         if t.group.name != best.group.name
-        and (t.group.named or (best.group.named and _as_simple(t, best)))
+        and (t.group.named or (best.group.named and _is_as_simple(t, best)))
     ]
-    return float(1 / (1 + np.exp(-np.array(apart)).sum()))
+    return float(1 / (1 + np.exp(-np.array(margins)).sum()))
 
 
-def _without_idle(model: Model, terms: Sequence[Term], term: Term) -> Term:
+def _prune_aircraft(model: Model, terms: Sequence[Term], term: Term) -> Term:
     """A term without the aircraft that raise its exact evidence by their absence.
 
     The screening score gives the fleet's part back approximately: with an effect of several m/s on
@@ -289,37 +288,37 @@ def _without_idle(model: Model, terms: Sequence[Term], term: Term) -> Term:
     if term.scope != "a":
         return term
     gram, score, _ = model.system([*terms, term])
-    others = score.size - term.group.size * len(term.tails)
-    columns = np.arange(others, score.size).reshape(len(term.tails), -1)
+    offset = score.size - term.group.size * len(term.tails)
+    columns = np.arange(offset, score.size).reshape(len(term.tails), -1)
     nothing = model.evidence(terms, model.kappa)
 
     def with_tails(tails: Sequence[int]) -> Term:
         start = {a: term.start[a] for a in tails if a in term.start}
-        one = replace(term, tails=tuple(tails), start=start)
-        kept = np.r_[:others, columns[np.isin(term.tails, tails)].ravel()]
-        precision = model.precision([*terms, one])
-        evidence = log_evidence(gram[np.ix_(kept, kept)], score[kept], precision, model.kappa)
-        return one.with_score(evidence - nothing + term.group.prior + set_prior(model, one))
+        subset = replace(term, tails=tuple(tails), start=start)
+        index = np.r_[:offset, columns[np.isin(term.tails, tails)].ravel()]
+        precision = model.precision([*terms, subset])
+        evidence = log_evidence(gram[np.ix_(index, index)], score[index], precision, model.kappa)
+        return subset.with_score(evidence - nothing + term.group.prior + set_prior(model, subset))
 
     best = term
     while len(best.tails) > 1:
         options = [with_tails([b for b in best.tails if b != a]) for a in best.tails]
-        other = max(options, key=lambda one: one.score)
-        if other.score <= best.score:
+        candidate = max(options, key=lambda t: t.score)
+        if candidate.score <= best.score:
             break
-        best = other
+        best = candidate
     return best
 
 
-def _to_the_day(model: Model, terms: Sequence[Term], term: Term) -> Term:
+def _refine_dates(model: Model, terms: Sequence[Term], term: Term) -> Term:
     """A term that begins with stretches of days, beginning on the days of largest evidence."""
     length = int(np.diff(model.sums.first_day).max(initial=1))
     for begin in sorted(set(term.start.values())) if length > 1 else ():
         options = [term]
         for day in range(max(1, begin - length + 1), min(begin + length, model.sums.D)):
             start = {a: day if first == begin else first for a, first in term.start.items()}
-            options.append(_exactly(model, terms, replace(term, start=start)))
-        term = max(options, key=lambda one: one.score)
+            options.append(_rescored(model, terms, replace(term, start=start)))
+        term = max(options, key=lambda t: t.score)
         model.release([*model.terms, *terms, term])
     return term
 
@@ -333,30 +332,30 @@ def search(
 ) -> tuple[list[Term], bool]:
     """Add terms, and replace or remove them, until nothing changes; steps are logged (debug).
 
-    ``second_order`` gives the log evidence of what the columns of terms leave of their effects. A
+    ``second_order`` gives the log evidence of the second order of the terms' effects. A
     candidate with less may be a part of that, and the search ends before it. The terms of the
     ``start`` are contested first where the search that found them was complete (``settled``).
     Returns the terms, and whether the search is complete.
     """
     terms = list(start)
     model.condition(terms)
-    learn(model)
+    estimate_scales(model)
     if terms and settled:
         terms = revisit(model, terms, 1)
     seen: set[frozenset[tuple[object, ...]]] = set()
     for _ in range(MOST):
-        found = contest(model, terms, screen(model))
-        if not found:
+        ranking = contest(model, terms, screen(model))
+        if not ranking:
             break
-        LOG.debug("+ %s", describe(found[0]))
-        if found[0].score < second_order(terms):
+        LOG.debug("+ %s", describe(ranking[0]))
+        if ranking[0].score < second_order(terms):
             return terms, False
-        terms = [*terms, found[0]]
+        terms = [*terms, ranking[0]]
         model.condition(terms)
-        terms = refined(model, terms, found[0])
-        learn(model)
+        terms = refined(model, terms, ranking[0])
+        estimate_scales(model)
         terms = revisit(model, terms, ROUNDS)
-        learn(model)
+        estimate_scales(model)
         state = frozenset(term.label for term in terms)
         if state in seen:
             break
@@ -364,7 +363,7 @@ def search(
     return terms, True
 
 
-def learn(model: Model) -> None:
+def estimate_scales(model: Model) -> None:
     """Estimate the noise factor and the usual sizes given all terms in the model.
 
     An effect that is not in the model would raise the scatter of the days, and pass for usual.
@@ -382,23 +381,23 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
     for _ in range(rounds):
         changed = False
         for term in list(terms):
-            rest = [other for other in terms if other is not term]
+            rest = [t for t in terms if t is not term]
             model.condition(rest)
             ranked = screen(model)
             if term.group.refined:
                 # it stays a candidate for its place where its screening score misses the gate
-                score = _exactly(model, rest, term).score
+                score = _rescored(model, rest, term).score
                 ranked.append(replace(term, score=score, gate=score / model.kappa))
-            found = contest(model, rest, ranked)
-            if not found:
+            ranking = contest(model, rest, ranked)
+            if not ranking:
                 LOG.debug("- %s", describe(term))
                 terms, changed = rest, True
                 continue
-            new = found[0]
+            new = ranking[0]
             if new.label != term.label:
                 LOG.debug("~ %s -> %s", describe(term), describe(new))
             changed |= new.key != term.key
-            terms = [new if other is term else other for other in terms]
+            terms = [new if t is term else t for t in terms]
             if new.label != term.label:
                 model.condition(terms)
                 terms = refined(model, terms, new)
@@ -415,22 +414,22 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
         return terms
     candidates = model.sums.candidates
     (name,) = term.group.variables
-    known = term.group.component
+    component = term.group.component
     usual = candidates.table_of(term.group).curves[0]
-    options = [Table((usual,), LEVERS[known])]
+    options = [Table((usual,), LEVERS[component])]
     if KINDS[name][0] != "category":
         fine = candidates.curve(name, FINER * KNOTS[name])
-        options += [Table((fine,), known), Table((fine,), LEVERS[known])]
-    best = _contested(model, terms, term, options, float(np.log(1 + len(options))))
+        options += [Table((fine,), component), Table((fine,), LEVERS[component])]
+    best = _best_table(model, terms, term, options, float(np.log(1 + len(options))))
     if best is not term:
         LOG.debug("~ %s -> %s", describe(term), describe(best))
-        terms = [best if other is term else other for other in terms]
+        terms = [best if t is term else t for t in terms]
         model.condition(terms)
     second = _second_variable(model, best)
     if second is not None:
         # alone, the first variable may have won against one that it depends on
         rivals = [rival.partition("|") for _, rival, _ in term.rivals]
-        firsts = [v for v, _, what in rivals if what == known and v in candidates.variables]
+        firsts = [v for v, _, c in rivals if c == component and v in candidates.variables]
         curve_of = {
             v: candidates.curve(v, PAIRED + (KINDS[v][0] == "circular"))
             for v in (name, *firsts, second)
@@ -441,10 +440,10 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
             for v in dict.fromkeys((name, *firsts))
             if v != second
         ]
-        pair = _contested(model, terms, best, tables, weight)
+        pair = _best_table(model, terms, best, tables, weight)
         if pair is not best:
             LOG.debug("~ %s -> %s", describe(best), describe(pair))
-            terms = [pair if other is best else other for other in terms]
+            terms = [pair if t is best else t for t in terms]
     model.condition(terms)
     return terms
 
@@ -452,7 +451,7 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
 def _second_variable(model: Model, term: Term) -> str | None:
     """Variable with whose functions the fitted curve has the largest evidence as a product."""
     candidates = model.sums.candidates
-    k = next(i for i, other in enumerate(model.terms) if other is term)
+    k = next(i for i, t in enumerate(model.terms) if t is term)
     theta = model.theta[model.offsets[k + 1] : model.offsets[k + 2]]
     # the curve that all aircraft of the term have in common
     curve = term.group.transform @ theta.reshape(-1, term.group.size).mean(axis=0)
@@ -465,25 +464,25 @@ def _second_variable(model: Model, term: Term) -> str | None:
             probes.append((name, group))
     model.sums.extend()
     model.condition(model.terms)
-    best, found = GATE, None
+    best, variable = GATE, None
     number = np.log(2 * max(len(probes), 1))
     for name, group in probes:
         statistics = model.statistics(group)
         factor = max(model.kappa, float(np.mean(statistics.factor)))
         evidence = static_evidence(statistics, factor, term.scope)[term.scope].evidence - number
         if evidence > best:
-            best, found = evidence, name
+            best, variable = evidence, name
     candidates.forget([group for _, group in probes])
-    return found
+    return variable
 
 
-def _contested(
+def _best_table(
     model: Model, terms: list[Term], term: Term, tables: Sequence[Table], weight: float
 ) -> Term:
     """Best of a term and the same with other tables, whose log prior is less by ``weight``."""
     candidates = model.sums.candidates
-    rest = [other for other in terms if other is not term]
-    now = _exactly(model, rest, term).score
+    rest = [t for t in terms if t is not term]
+    now = _rescored(model, rest, term).score
     best, score = term, now + GATE * model.kappa
     for table in tables:
         group = candidates.add_table(table, term.group.prior - weight, refined=True)
@@ -491,12 +490,12 @@ def _contested(
         if group is None:
             continue
         options = [
-            _exactly(model, rest, replace(term, group=group, scale=scale))
+            _rescored(model, rest, replace(term, group=group, scale=scale))
             for scale in (0.5 * term.scale, term.scale, 2.0 * term.scale)
         ]
-        other = max(options, key=lambda one: one.score)
-        if other.score > score:
-            best, score = other, other.score
+        candidate = max(options, key=lambda t: t.score)
+        if candidate.score > score:
+            best, score = candidate, candidate.score
         else:
             candidates.forget([group])
     if best is term:

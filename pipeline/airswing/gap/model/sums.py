@@ -92,7 +92,7 @@ class Sums:
         # first column that each extension built
         self.extended_from: list[int] = []
         self._grams: dict[tuple[int, int], tuple[Floats, Floats]] = {}
-        self._own: dict[int, tuple[Group, Floats, Floats]] = {}
+        self._of_group: dict[int, tuple[Group, Floats, Floats]] = {}
         self.extend()
 
     def rows_of(self, aircraft: int) -> slice:
@@ -110,8 +110,8 @@ class Sums:
         # columns of groups that were forgotten are overwritten
         first = min([self.width, *(where.start for where in pending)])
         self.extended_from.append(first)
-        self._grams = {key: made for key, made in self._grams.items() if key[1] <= first}
-        self._own = {key: own for key, own in self._own.items() if own[0].columns.stop <= first}
+        self._grams = {key: gram for key, gram in self._grams.items() if key[1] <= first}
+        self._of_group = {key: x for key, x in self._of_group.items() if x[0].columns.stop <= first}
         for where in pending:
             if where.stop > self.rows.shape[1]:
                 more = where.stop + SPARE - self.rows.shape[1]
@@ -133,10 +133,10 @@ class Sums:
         return out
 
     def release(self) -> None:
-        """Free the memory of the rows; only what was fitted can be used from then on."""
+        """Free the memory of the rows; only fitted values can be used from then on."""
         self.rows = np.empty((0, 0), np.float32)
         self.shared = np.empty((0, 0, 0, 0), np.float32)
-        self._grams, self._own = {}, {}
+        self._grams, self._of_group = {}, {}
 
     def _fit_fields(self) -> None:
         """Variances of the day fields by expectation maximisation, and roots of M_d."""
@@ -171,33 +171,33 @@ class Sums:
 
     def information(self, group: Group) -> tuple[Floats, Floats]:
         """Information about a group's coefficients: (A, T, m, m) of aircraft, (T, m, m) of all."""
-        known = self._own.get(id(group))
-        if known is not None and known[0] is group:
-            return known[1], known[2]
+        cached = self._of_group.get(id(group))
+        if cached is not None and cached[0] is group:
+            return cached[1], cached[2]
         by_aircraft, of_fleet = self._gram(group.columns)
         t = group.transform
-        made = (
+        out = (
             np.einsum("ki,adkl,lj->adij", t, by_aircraft, t, optimize=True),
             np.einsum("ki,dkl,lj->dij", t, of_fleet, t, optimize=True),
         )
-        self._own[id(group)] = (group, *made)
-        return made
+        self._of_group[id(group)] = (group, *out)
+        return out
 
     def _gram(self, columns: slice) -> tuple[Floats, Floats]:
         key = (columns.start, columns.stop)
         if key not in self._grams:
             k = columns.stop - columns.start
-            plain = np.zeros((self.A, self.T, k, k))
+            by_aircraft = np.zeros((self.A, self.T, k, k))
             for a, d, span in self.cells:
                 rows = self.rows[span, columns]
-                plain[a, self.stretch[d]] += rows.T @ rows
+                by_aircraft[a, self.stretch[d]] += rows.T @ rows
             shared = self.shared[..., columns].astype(float)
-            whole = shared.sum(axis=0)
+            total = shared.sum(axis=0)
             common = np.einsum("adqi,adqj->adij", shared, shared, optimize=True)
-            of_fleet = np.einsum("dqi,dqj->dij", whole, whole, optimize=True)
+            of_fleet = np.einsum("dqi,dqj->dij", total, total, optimize=True)
             self._grams[key] = (
-                plain - self.by_stretch(common, 1),
-                plain.sum(axis=0) - self.by_stretch(of_fleet, 0),
+                by_aircraft - self.by_stretch(common, 1),
+                by_aircraft.sum(axis=0) - self.by_stretch(of_fleet, 0),
             )
         return self._grams[key]
 
@@ -212,21 +212,21 @@ def field_variance(gram: Floats, score: Floats) -> Floats:
     """
     number, q = score.shape
     constants = [0, q // 2]
-    variance, evidence, fields = _maximised(gram, score, np.zeros((number, 1)), constants)
+    variance, evidence, fields = _fit_by_em(gram, score, np.zeros((number, 1)), constants)
     if number < 2 * SIDES:
         return variance
-    moved = fields[:, constants]
+    winds = fields[:, constants]
     within = [
-        np.log(moved[:d].var(axis=0) * d + moved[d:].var(axis=0) * (number - d)).sum()
+        np.log(winds[:d].var(axis=0) * d + winds[d:].var(axis=0) * (number - d)).sum()
         for d in range(SIDES, number - SIDES + 1)
     ]
     late = np.arange(number) >= SIDES + int(np.argmin(within))
-    changed, more, _ = _maximised(gram, score, np.stack([~late, late], -1), constants)
+    changed, more, _ = _fit_by_em(gram, score, np.stack([~late, late], -1), constants)
     parameters = 2 * len(constants) + 2  # means, and the day, which counts as two
     return changed if more - evidence - 0.5 * parameters * np.log(number) > GATE else variance
 
 
-def _maximised(
+def _fit_by_em(
     gram: Floats, score: Floats, segments: Floats, constants: list[int]
 ) -> tuple[Floats, float, Floats]:
     """Variances, log likelihood and fields (D, q) by expectation maximisation.

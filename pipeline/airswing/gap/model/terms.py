@@ -24,7 +24,7 @@ from airswing.gap.arrays import Floats, Integers, Singles
 from airswing.gap.model.candidates import Group
 from airswing.gap.model.sums import Sums
 
-#: L, m/s: what lasts in the reference's error and no number of days averages out, in the frame of
+#: L, m/s: the lasting error of the reference, which no number of days averages out, in the frame of
 #: the wind and in that of the aircraft, where it averages over headings. Root mean square of fleet
 #: coefficients beyond their noise on simulated archives without an effect: 0.00 to 0.02 and, of
 #: errors along the wind, 0.03 to 0.07.
@@ -63,14 +63,14 @@ class Term:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What identifies its columns."""
+        """Identification of its columns."""
         group, columns = self.group, self.group.columns
-        what = (group.name, columns.start, columns.stop, group.form, group.dated)
-        return *what, self.scope, self.tails, tuple(sorted(self.start.items()))
+        identity = (group.name, columns.start, columns.stop, group.form, group.dated)
+        return *identity, self.scope, self.tails, tuple(sorted(self.start.items()))
 
     @property
     def label(self) -> tuple[str, str, tuple[int, ...]]:
-        """What identifies it without aircraft and dates."""
+        """Identification without aircraft and dates."""
         return self.group.name, self.scope, (*self.group.form, self.group.dated)
 
     @property
@@ -83,12 +83,12 @@ class Term:
     def precision(self) -> Floats:
         """Prior precision of all its coefficients."""
         number = 1 if self.scope == "f" else len(self.tails)
-        each: Floats = np.eye(number)
+        between: Floats = np.eye(number)
         if self.spread and number > 1:
             shared = np.ones((number, number)) + self.spread**2 * np.eye(number)
-            each = np.asarray(np.linalg.inv(shared), np.float64)
+            between = np.asarray(np.linalg.inv(shared), np.float64)
         shape = np.eye(self.group.size) if self.shape is None else self.shape
-        return np.asarray(np.kron(each, shape) / self.scale**2)
+        return np.asarray(np.kron(between, shape) / self.scale**2)
 
     def with_score(self, score: float) -> Term:
         """The term with another score."""
@@ -163,38 +163,38 @@ class Columns:
     def with_candidates(self) -> tuple[Singles, dict[int, Singles]]:
         """X' V^-1 Z with the columns Z of all candidates, (k, p): of all aircraft, and of each."""
         sums = self.sums
-        known = min([self._cross.shape[1], *sums.extended_from[self._extensions :]])
+        summed = min([self._cross.shape[1], *sums.extended_from[self._extensions :]])
         self._extensions = len(sums.extended_from)
-        new = slice(known, sums.width)
+        new = slice(summed, sums.width)
         shared = self.shared.astype(np.float32).reshape(-1, self.width)
         cross = -shared.T @ sums.shared[..., new].sum(axis=0).reshape(shared.shape[0], -1)
         for a, (at, values) in self.rows.items():
-            plain = values.T @ sums.rows[sums.rows_of(a), new]
-            cross[at] += plain
-            plain -= shared[:, at].T @ sums.shared[a, ..., new].reshape(shared.shape[0], -1)
-            old = self._cross_by_aircraft[a][:, :known]
-            self._cross_by_aircraft[a] = np.concatenate([old, plain], axis=1)
-        self._cross = np.concatenate([self._cross[:, :known], cross], axis=1)
+            product = values.T @ sums.rows[sums.rows_of(a), new]
+            cross[at] += product
+            product -= shared[:, at].T @ sums.shared[a, ..., new].reshape(shared.shape[0], -1)
+            old = self._cross_by_aircraft[a][:, :summed]
+            self._cross_by_aircraft[a] = np.concatenate([old, product], axis=1)
+        self._cross = np.concatenate([self._cross[:, :summed], cross], axis=1)
         return self._cross, self._cross_by_aircraft
 
-    def product(self, other: Columns) -> Floats:
+    def product(self, right: Columns) -> Floats:
         """X' V^-1 Y with the columns of another term."""
-        out = -np.einsum("dqi,dqj->ij", self.shared, other.shared, optimize=True)
-        for a in self.rows.keys() & other.rows.keys():
-            (i, x), (j, y) = self.rows[a], other.rows[a]
+        out = -np.einsum("dqi,dqj->ij", self.shared, right.shared, optimize=True)
+        for a in self.rows.keys() & right.rows.keys():
+            (i, x), (j, y) = self.rows[a], right.rows[a]
             out[np.ix_(i, j)] += x.T @ y
         return np.asarray(out)
 
-    def product_by_fold(self, other: Columns, of_row: Integers, folds: int) -> Floats:
+    def product_by_fold(self, right: Columns, of_row: Integers, folds: int) -> Floats:
         """The same over each group of days, (folds, i, j); ``of_row`` is the group of each row."""
-        out = np.zeros((folds, self.width, other.width))
+        out = np.zeros((folds, self.width, right.width))
         of_day = np.zeros(self.shared.shape[0], np.int64)
         of_day[self.sums.day_of_row] = of_row
         for k in range(folds):
             days = of_day == k
-            out[k] = -np.einsum("dqi,dqj->ij", self.shared[days], other.shared[days], optimize=True)
-        for a in self.rows.keys() & other.rows.keys():
-            (i, x), (j, y) = self.rows[a], other.rows[a]
+            out[k] = -np.einsum("dqi,dqj->ij", self.shared[days], right.shared[days], optimize=True)
+        for a in self.rows.keys() & right.rows.keys():
+            (i, x), (j, y) = self.rows[a], right.rows[a]
             numbers = of_row[self.sums.rows_of(a)]
             for k in range(folds):
                 out[k][np.ix_(i, j)] += x[numbers == k].T @ y[numbers == k]
@@ -202,7 +202,7 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class Part:
+class AircraftTerms:
     """Coefficients of the terms in the model that act on an aircraft."""
 
     at: Integers  # (w,): their places
@@ -221,8 +221,8 @@ class Statistics:
     fleet_inverse: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     factor: Floats = field(default_factory=lambda: np.zeros(0))  # (A,): of single aircraft
     fleet_factor: float = 1.0
-    # lasting, remainder: variances of what lasts in the reference's error, and, by aircraft, of
-    # what terms in the model leave because their columns are inexact, m2 s-2
+    # variances, m2 s-2, of the lasting error of the reference, and, by aircraft, of the residual
+    # effect of terms in the model whose columns are inexact
     lasting: float = 0.0
     remainder: Floats | float = 0.0
 
@@ -242,7 +242,7 @@ class Model:
         self.sums = sums
         nuisance = next(g for g in sums.candidates.groups if g.kind == "nuisance")
         self.base = Term(nuisance, "f", tuple(range(sums.A)), CLIMATOLOGY)
-        self._made: dict[tuple[object, ...], Columns] = {}
+        self._columns: dict[tuple[object, ...], Columns] = {}
         self._products: dict[tuple[object, object], Floats] = {}
         self.kappa = 1.0
         self.usual: dict[str, tuple[float, float]] = {}
@@ -259,20 +259,20 @@ class Model:
         if residual is not self.sums.residual:
             self.sums.residual = residual
             self.sums.inverse_residual = self.sums.invert(residual)
-            self._made = {}
+            self._columns = {}
             self._factored = ((), np.eye(0), np.eye(0))
 
     def columns(self, term: Term) -> Columns:
         """Columns of a term, kept while it is in the model."""
-        if term.key not in self._made:
-            self._made[term.key] = Columns(self.sums, term)
-        return self._made[term.key]
+        if term.key not in self._columns:
+            self._columns[term.key] = Columns(self.sums, term)
+        return self._columns[term.key]
 
-    def _product(self, one: Term, other: Term) -> Floats:
-        pair = (one.key, other.key)
+    def _product(self, first: Term, second: Term) -> Floats:
+        pair = (first.key, second.key)
         if pair not in self._products:
-            made = self.columns(one).product(self.columns(other))
-            self._products[pair], self._products[pair[::-1]] = made, made.T
+            product = self.columns(first).product(self.columns(second))
+            self._products[pair], self._products[pair[::-1]] = product, product.T
         return self._products[pair]
 
     # ----------------------------------------------------------------------------------- the fit
@@ -304,9 +304,9 @@ class Model:
             self._factored = key, root, np.asarray(solved, np.float64)
         _, root, solved = self._factored
         cross = np.concatenate([self._product(x, term) for x in (self.base, *terms)]) / self.kappa
-        known = solve_triangular(root, cross, lower=True)
-        gram = self._product(term, term) / self.kappa - known.T @ known
-        score = self.columns(term).score / self.kappa - known.T @ solved
+        explained = solve_triangular(root, cross, lower=True)
+        gram = self._product(term, term) / self.kappa - explained.T @ explained
+        score = self.columns(term).score / self.kappa - explained.T @ solved
         return log_evidence(gram, score, term.precision, 1.0)
 
     def condition(self, terms: Sequence[Term]) -> None:
@@ -333,9 +333,9 @@ class Model:
             z[sums.rows_of(a)] = values[:, 0]
         c = sums.whitened(raw)[:, 0]
         of_z, of_c = sums.invert(z), sums.invert(c)
-        left = self.left + of_z * float(self.theta[self.offsets[k + 1]])
+        residual = self.inverse_residual + of_z * float(self.theta[self.offsets[k + 1]])
         zr, cr, zz, zc, cc = (
-            float(x @ y) for x, y in ((z, left), (c, left), (z, of_z), (z, of_c), (c, of_c))
+            float(x @ y) for x, y in ((z, residual), (c, residual), (z, of_z), (z, of_c), (c, of_c))
         )
         misfit = np.polynomial.Polynomial([0.0, -2 * zr, zz - 2 * cr, 2 * zc, cc])
         turns = misfit.trim().deriv().roots()
@@ -352,25 +352,25 @@ class Model:
         gram, score, precision = self.system(terms)
         self.hessian = gram + precision
         self.theta: Floats = np.asarray(np.linalg.solve(self.hessian, score), np.float64)
-        made = [self.columns(x) for x in every]
-        self.offsets = np.cumsum([0] + [one.width for one in made])
-        self.term_shared = np.concatenate([one.shared for one in made], axis=2)
+        columns = [self.columns(x) for x in every]
+        self.offsets = np.cumsum([0] + [x.width for x in columns])
+        self.term_shared = np.concatenate([x.shared for x in columns], axis=2)
         inverse = np.linalg.inv(self.hessian)
         fitted = np.zeros(2 * sums.n, np.float32)
-        crossed = [one.with_candidates() for one in made]
-        self.parts, explained = [], []
+        crossed = [x.with_candidates() for x in columns]
+        self.by_aircraft, explained = [], []
         for a in range(sums.A):
             span = sums.rows_of(a)
-            held = [(k, one.rows[a]) for k, one in enumerate(made) if a in one.rows]
-            at = np.concatenate([self.offsets[k] + places for k, (places, _) in held])
-            rows = np.concatenate([values for _, (_, values) in held], axis=1)
-            part = Part(at, rows, np.linalg.cholesky(inverse[np.ix_(at, at)]).T)
+            active = [(k, x.rows[a]) for k, x in enumerate(columns) if a in x.rows]
+            at = np.concatenate([self.offsets[k] + places for k, (places, _) in active])
+            rows = np.concatenate([values for _, (_, values) in active], axis=1)
+            acting = AircraftTerms(at, rows, np.linalg.cholesky(inverse[np.ix_(at, at)]).T)
             fitted[span] = rows @ self.theta[at].astype(np.float32)
-            self.parts.append(part)
-            explained.append(part.root @ np.concatenate([crossed[k][1][a] for k, _ in held]))
-        self.left = sums.inverse_residual - sums.invert(fitted)
-        self.day_score = sums.scores(self.left)
-        most = max(one.shape[0] for one in explained)
+            self.by_aircraft.append(acting)
+            explained.append(acting.root @ np.concatenate([crossed[k][1][a] for k, _ in active]))
+        self.inverse_residual = sums.inverse_residual - sums.invert(fitted)
+        self.day_score = sums.scores(self.inverse_residual)
+        most = max(x.shape[0] for x in explained)
         self.explained = np.stack([np.pad(x, ((0, most - len(x)), (0, 0))) for x in explained])
         cross = np.concatenate([of_all for of_all, _ in crossed])
         self.fleet_explained = np.linalg.solve(np.linalg.cholesky(self.hessian), cross)
@@ -378,41 +378,41 @@ class Model:
 
     def release(self, terms: Sequence[Term]) -> None:
         """Free the memory of columns other than those of the terms."""
-        kept = {term.key for term in (self.base, *terms)}
-        self._made = {key: columns for key, columns in self._made.items() if key in kept}
-        self._products = {pair: gram for pair, gram in self._products.items() if set(pair) <= kept}
+        keys = {term.key for term in (self.base, *terms)}
+        self._columns = {key: value for key, value in self._columns.items() if key in keys}
+        self._products = {pair: gram for pair, gram in self._products.items() if set(pair) <= keys}
 
     # ------------------------------------------------------------------------------ one candidate
     def statistics(self, group: Group) -> Statistics:
         """Scores and information of a candidate, with its noise factors."""
         by_day, fleet_by_day = self.sums.information(group)
         t, m = group.transform, group.size
-        whole, fleet_whole = by_day.sum(axis=1), fleet_by_day.sum(axis=0)
-        known = self.explained[:, :, group.columns] @ t
-        information = whole - np.einsum("aim,ain->amn", known, known)
+        total, fleet_total = by_day.sum(axis=1), fleet_by_day.sum(axis=0)
+        explained = self.explained[:, :, group.columns] @ t
+        information = total - np.einsum("aim,ain->amn", explained, explained)
         of_fleet = self.fleet_explained[:, group.columns] @ t
-        fleet_information = fleet_whole - of_fleet.T @ of_fleet
+        fleet_information = fleet_total - of_fleet.T @ of_fleet
         day_score = self.day_score[:, :, group.columns] @ t
         score = day_score.sum(axis=1)
-        ridge = 1e-7 * np.trace(whole.sum(axis=0)) / m * np.eye(m) + 1e-12 * np.eye(m)
+        ridge = 1e-7 * np.trace(total.sum(axis=0)) / m * np.eye(m) + 1e-12 * np.eye(m)
         # the fit of each aircraft, whose part in the scores of days is no scatter
         fit = np.linalg.solve(information + np.eye(m) / WIDE**2, score[..., None])[..., 0]
-        back = np.einsum("amn,an->am", np.linalg.solve(whole + ridge, information), fit)
-        apart = day_score - np.einsum("adij,aj->adi", by_day, back)
-        found = _with_factors(
-            Statistics(score, information, fleet_information, ridge), apart, by_day, fleet_by_day
+        back = np.einsum("amn,an->am", np.linalg.solve(total + ridge, information), fit)
+        residual = day_score - np.einsum("adij,aj->adi", by_day, back)
+        stats = _with_factors(
+            Statistics(score, information, fleet_information, ridge), residual, by_day, fleet_by_day
         )
-        return replace(found, lasting=self.lasting(group), remainder=self._remainder(group))
+        return replace(stats, lasting=self.lasting(group), remainder=self._remainder(group))
 
-    def with_usual(self, group: Group, found: Statistics) -> Statistics:
+    def with_usual(self, group: Group, statistics: Statistics) -> Statistics:
         """Statistics with m^2 of this archive added to the remainder."""
-        aircraft, _ = self.usual.get(group.part, (0.0, 0.0))
-        return replace(found, remainder=found.remainder + aircraft)
+        aircraft, _ = self.usual.get(group.quantity, (0.0, 0.0))
+        return replace(statistics, remainder=statistics.remainder + aircraft)
 
     def lasting(self, group: Group) -> float:
         """L^2 of a candidate: the usual variance in this archive, at least `LASTING`, m2 s-2."""
-        least = LASTING["wind" if group.part == "wind" else "aircraft"] ** 2
-        return max(least, self.usual.get(group.part, (0.0, 0.0))[1])
+        least = LASTING["wind" if group.quantity == "wind" else "aircraft"] ** 2
+        return max(least, self.usual.get(group.quantity, (0.0, 0.0))[1])
 
     def _remainder(self, group: Group) -> Floats:
         """Variance that inexact columns of terms leave, by aircraft, m2 s-2.
@@ -421,12 +421,12 @@ class Model:
         `FIRST_ORDER` times the mean square of the effect over the aircraft's reports; half of it in
         candidates of another part, for headings lie at all angles to the wind.
         """
-        if group.part not in self._remainders:
+        if group.quantity not in self._remainders:
             out = np.zeros(self.sums.A)
             for k, term in enumerate(self.terms):
-                held = term.group.reliability
-                missing = FIRST_ORDER**2 + (1 / held - 1 if held < EXACT else 0.0)
-                missing *= 1.0 if term.group.part == group.part else 0.5
+                reliability = term.group.reliability
+                missing = FIRST_ORDER**2 + (1 / reliability - 1 if reliability < EXACT else 0.0)
+                missing *= 1.0 if term.group.quantity == group.quantity else 0.5
                 theta = self.theta[self.offsets[k + 1] : self.offsets[k + 2]]
                 theta = theta.reshape(-1, term.group.size)
                 for j, a in enumerate(term.tails):
@@ -434,8 +434,8 @@ class Model:
                     share = float((acting > 1e-3 * acting.max(initial=1e-12)).mean())
                     size = float((theta[0 if term.scope == "f" else j] ** 2).sum())
                     out[a] += missing * size * share
-            self._remainders[group.part] = out
-        return self._remainders[group.part]
+            self._remainders[group.quantity] = out
+        return self._remainders[group.quantity]
 
 
 def noise_factor(score: Floats, by_day: Floats) -> Statistics:
@@ -444,25 +444,25 @@ def noise_factor(score: Floats, by_day: Floats) -> Statistics:
     information, fleet = by_day.sum(axis=1), by_day.sum(axis=0)
     ridge = 1e-7 * np.trace(information.sum(axis=0)) / m * np.eye(m) + 1e-12 * np.eye(m)
     fit = np.linalg.solve(information + np.eye(m), score.sum(axis=1)[..., None])[..., 0]
-    apart = score - np.einsum("adij,aj->adi", by_day, fit)
-    found = Statistics(score.sum(axis=1), information, information.sum(axis=0), ridge)
-    return _with_factors(found, apart, by_day, fleet)
+    residual = score - np.einsum("adij,aj->adi", by_day, fit)
+    statistics = Statistics(score.sum(axis=1), information, information.sum(axis=0), ridge)
+    return _with_factors(statistics, residual, by_day, fleet)
 
 
 def _with_factors(
-    found: Statistics, apart: Floats, by_day: Floats, fleet_by_day: Floats
+    stats: Statistics, residual: Floats, by_day: Floats, fleet_by_day: Floats
 ) -> Statistics:
     """Statistics with the noise factors of day scores (A, D, m) less the fits of the aircraft."""
-    ridge = found.ridge
-    inverse = np.asarray(np.linalg.inv(found.information + ridge), np.float64)
-    fleet_inverse = np.asarray(np.linalg.inv(found.fleet_information + ridge), np.float64)
-    factor = np.maximum(*(cluster_factor(apart, by_day, inverse, ridge, n) for n in BLOCKS))
-    together = apart.sum(axis=0)[None]
+    ridge = stats.ridge
+    inverse = np.asarray(np.linalg.inv(stats.information + ridge), np.float64)
+    fleet_inverse = np.asarray(np.linalg.inv(stats.fleet_information + ridge), np.float64)
+    factor = np.maximum(*(cluster_factor(residual, by_day, inverse, ridge, n) for n in BLOCKS))
+    together = residual.sum(axis=0)[None]
     fleet_factor = max(
         float(cluster_factor(together, fleet_by_day[None], fleet_inverse[None], ridge, n)[0])
         for n in BLOCKS
     )
-    return replace(found, fleet_inverse=fleet_inverse, factor=factor, fleet_factor=fleet_factor)
+    return replace(stats, fleet_inverse=fleet_inverse, factor=factor, fleet_factor=fleet_factor)
 
 
 #: Largest prior scale, m/s: a compass error of 5 degrees and an airspeed of 130 m/s give 8 m/s rms.
@@ -483,9 +483,9 @@ def cluster_factor(
     cuts = np.arange(0, score.shape[1], block)
     score = np.add.reduceat(score, cuts, axis=1)
     by_day = np.add.reduceat(by_day, cuts, axis=1)
-    whole = by_day.sum(axis=1)
-    turned = np.linalg.solve(whole + ridge, by_day.swapaxes(0, 1)).swapaxes(0, 1)
-    product = inverse @ whole
+    total = by_day.sum(axis=1)
+    turned = np.linalg.solve(total + ridge, by_day.swapaxes(0, 1)).swapaxes(0, 1)
+    product = inverse @ total
     taken = ((product[:, None] @ turned) * turned.swapaxes(-1, -2)).sum(axis=(1, 2, 3))
     free = np.trace(product, axis1=1, axis2=2)
     squared = ((score @ inverse) * score).sum(axis=(1, 2))

@@ -80,7 +80,7 @@ def assemble(
         steps.append(EffectClosureEntry(name, one.reduction, one.reduction_ci))
     value, low, high = _sum(steps, closure)
     before, hidden = closure.before, could_hide(closure.before, frame.size)
-    whole = closure.whole.reduction if closure.whole.reduction > 1e-6 else np.inf
+    whole = closure.total.reduction if closure.total.reduction > 1e-6 else np.inf
     unnamed = [step for step in steps if step.name.startswith("unknown: ")]
     if not entries:
         # where nothing is stated the interval holds what could hide
@@ -138,8 +138,8 @@ def assemble(
 
 def _sum(steps: Sequence[EffectClosureEntry], closure: Closure) -> tuple[float, float, float]:
     """All steps and their interval: that of the means, the others independent of it."""
-    value = closure.whole.reduction
-    low, high = closure.whole.reduction_ci
+    value = closure.total.reduction
+    low, high = closure.total.reduction_ci
     below, above = value - low, high - value
     for step in steps[len(closure.steps) :]:
         below = float(np.hypot(below, step.reduction - step.reduction_ci[0]))
