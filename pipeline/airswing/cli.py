@@ -6,7 +6,6 @@ that ``--help`` is quick. Results go to standard output, progress and messages t
 
 from __future__ import annotations
 
-import errno
 import os
 import sys
 from collections.abc import Callable
@@ -61,12 +60,6 @@ app = typer.Typer(
 )
 
 _INTERRUPTED = 130  # exit status of a command that SIGINT ended: 128 + 2
-# Errors of the disk or of folders: reported as bad input, not as a defect of airswing.
-_FAULTS = (
-    "ENOSPC EDQUOT EFBIG EROFS EACCES EPERM ENOENT ENOTDIR EISDIR EEXIST EIO ENAMETOOLONG ELOOP "
-    "EMFILE ENFILE ENOMEM ENOTEMPTY ESTALE"
-)
-_NOT_OURS = {getattr(errno, name, None) for name in _FAULTS.split()}
 # Base class of errors in the command line, which typer does not export.
 _USAGE_ERROR: Any = typer.BadParameter.__base__
 
@@ -527,7 +520,8 @@ def _input_fault(err: Exception) -> str | None:
     if isinstance(err, MemoryError):
         limits = "compute.workers and compute.threads limit the work done at a time"
         return f"not enough memory; {limits}"
-    if isinstance(err, OSError) and err.errno in _NOT_OURS:
+    # numbers of the operating system; those of the NetCDF library are negative
+    if isinstance(err, OSError) and (err.errno or 0) > 0:
         return f"{shortened(err.filename or 'a file')}: {err.strerror}"
     # The NetCDF and HDF5 libraries report damaged data only by these words.
     words = ("NetCDF:", "HDF error", "inflate() failed", "filter returned failure", "read data")

@@ -346,10 +346,8 @@ class Config(_Section):
                 raise ValueError(f"pool.{name}: no reference {unknown[0]!r}{near}")
             if name in self.references:
                 raise ValueError(f"pool.{name}: a reference has the same name")
-            if len(set(members)) < 2:
-                raise ValueError(f"pool.{name}: a pool needs at least two references")
-            if len(set(members)) < len(members):
-                raise ValueError(f"pool.{name}: a reference is named twice")
+            if len(set(members)) < max(2, len(members)):
+                raise ValueError(f"pool.{name}: a pool needs at least two references, each once")
             never = {name.lower() for name in self.never_pool}
             barred = [member for member in members if member.lower() in never]
             if barred:

@@ -26,7 +26,7 @@ def foreign_file(path: object, start: bytes, role: str = "") -> InputError | Non
 
     ``role`` is ``reports`` or ``winds``; without it only files that are neither are refused.
     """
-    content = start.removeprefix(b"\xef\xbb\xbf").lstrip()
+    content = start.removeprefix(b"\xef\xbb\xbf").lstrip() or start
     for kind in _kinds():
         found = re.match(kind["first_bytes"].encode("ascii"), content)
         if found and kind["refused_as"] in ("", role):

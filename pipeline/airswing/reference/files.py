@@ -144,13 +144,13 @@ def _urls(pattern: str) -> list[str]:
 
 
 def _unreachable(url: str, error: Exception) -> InputError:
-    protocol, remedy = url.split("://")[0], "Check the address"
-    if isinstance(error, ImportError):
-        package = {"s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "https": "aiohttp requests"}
-        needed = package.get(protocol, "")
-        remedy = f"Reading {protocol}:// needs: pip install fsspec {needed}"
-    found = f"{type(error).__name__}: {error}"
-    return InputError("cannot be opened", file=url, found=found, remedy=remedy)
+    return InputError(
+        "cannot be opened",
+        file=url,
+        found=f"{type(error).__name__}: {error}",
+        remedy="Check the address; protocols other than http and https need fsspec and the package "
+        "of the protocol (s3fs, gcsfs)",
+    )
 
 
 def identify(path: str) -> SourceFile:

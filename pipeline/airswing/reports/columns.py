@@ -345,14 +345,12 @@ def _absent(wanted: str, names: list[str], what: str, free: list[str] | None = N
     folded = {short.lower(): name for short, name in stripped if len(short) > 1}
     # Lower than the library's 0.6: two names of one column often share only a stem.
     near = difflib.get_close_matches(wanted.lower(), list(folded), n=3, cutoff=0.4)
-    stem = wanted.split("_")[0].lower()
-    near += [key for key in folded if key not in near and (stem in key or key[:3] == stem[:3])]
     remedy = (
         "Map the file's own name to it under reports.columns; `airswing inspect FILE` proposes a "
         "mapping"
     )
     if near:
-        remedy = f"Nearest there: {', '.join(folded[key] for key in near[:3])}. " + remedy
+        remedy = f"Nearest there: {', '.join(folded[key] for key in near)}. " + remedy
     return InputError(what, field=wanted, found=", ".join(names), remedy=remedy)
 
 

@@ -150,20 +150,15 @@ def _motion(table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str])
         remarks[found["magnetic_heading"]] = "magnetic is a guess: heading_deg where it is true"
 
 
-def _written_unit(column: str, si_unit: str) -> str | None:
-    written = _BRACKET.search(column) or _ENDING.search(column)
-    return written.group(1) if written and compatible(written.group(1), si_unit) else None
-
-
 def _entry(quantity: Quantity, column: str, values: Column, remarks: dict[str, str]) -> Entry:
     """Map a column of numbers, with a remark where its unit is a guess."""
-    known = split_name(column.strip())
+    known, written = split_name(column.strip()), _BRACKET.search(column) or _ENDING.search(column)
     largest, remark = float(values.abs().max()), ""
     unit: str | None = None  # that of the canonical name
     if known is not None and known[0] is quantity:
         unit = None if known[1] == "degree" else known[1]
-    elif written := _written_unit(column, quantity.si_unit):
-        unit = written
+    elif written and compatible(written[1], quantity.si_unit):
+        unit = written[1]
     elif quantity.stem == "pressure_altitude" and 0 < largest <= 600:
         # Flight levels are hundreds of feet: no aircraft is above 60,000 ft.
         unit, remark = "hft", "flight levels guessed from its values"

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.guarded import WorkerEndedError, guarded
 from airswing.products.damaged_netcdf import require_sound
-from airswing.reference.files import Reader, SourceFile, is_url, local_path
+from airswing.reference.files import Reader, SourceFile, local_path
 from airswing.reference.grib.grid_sections import MAX_POINTS
 from airswing.reference.grib.headers import LENGTHS, GarbageError, single_fields, whole_messages
 from airswing.reference.gridded.wrf import is_wrf
@@ -75,15 +75,12 @@ def _opened(file: SourceFile, engine: str) -> tuple[xr.Dataset, ...]:
         except InputError:
             raise
         except Exception as error:  # backends raise many kinds
-            missing = isinstance(error, ImportError) and is_url(file.path)
             raise InputError(
                 f"cannot be opened as {engine}",
                 file=file.path,
                 found=f"{type(error).__name__}: {' '.join(str(error).split())[:300]}",
-                remedy="Install fsspec and the package of the protocol (s3fs, gcsfs, aiohttp)"
-                if missing
-                else "The file is damaged, still being written, or of another kind: engine: "
-                "names the kind",
+                remedy="It is damaged, still being written, or of another kind (engine: names the "
+                "kind); Zarr at an address needs fsspec and the package of the protocol",
             ) from error
 
 

@@ -266,11 +266,12 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
         yield pd.DataFrame(raw)
 
 
-def _is_ioda(start: bytes) -> bool:
-    return start.startswith(_NETCDF) and (b"MetaData" in start or b"ObsValue" in start)
-
-
 FORMATS = (
-    ReportFormat("ioda", _is_ioda, _read_ioda, title="NetCDF"),
+    ReportFormat(
+        "ioda",
+        lambda start: start.startswith(_NETCDF) and (b"MetaData" in start or b"ObsValue" in start),
+        _read_ioda,
+        title="NetCDF",
+    ),
     ReportFormat("madis", lambda start: start.startswith(_NETCDF), _read_madis, 1, "NetCDF"),
 )
