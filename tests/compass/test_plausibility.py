@@ -7,6 +7,7 @@ import xarray as xr
 import airswing
 from airswing import collocate, derive_headings, fleet_wind, read_reports
 from airswing.compass.plausibility import (
+    heading_kind_warnings,
     plausibility,
     plausibility_warnings,
     taken_for,
@@ -16,7 +17,6 @@ from airswing.evaluation import Evaluation
 from airswing.flags import STATUS
 from airswing.physics.atmosphere import pressure_from_altitude, standard_temperature
 from airswing.products.netcdf import read_product
-from airswing.reports import Audit
 from airswing.synthetic.mode_s import write_mode_s
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 from tests.command import configured
@@ -203,14 +203,12 @@ def test_one_aircraft_of_a_fleet_and_aircraft_with_few_reports():
     ("turn", "likely"),
     [(14.0, "headings taken for true are magnetic"), (-14.0, "taken for magnetic are true")],
 )
-@pytest.mark.parametrize("aircraft", [4, 1])
-def test_headings_of_the_other_kind_are_named_and_not_refused(turn, likely, aircraft):
-    made = archive(lambda fields: {"reported_heading": (fields["reported_heading"] + turn) % 360})
-    some = made.isel(aircraft=slice(aircraft), report=slice(aircraft * FLIGHTS * REPORTS))
-    (finding,) = plausibility(some)
-    assert likely in finding.likely
-    assert not finding.refused
-    assert len(finding.aircraft) == aircraft
+def test_headings_of_the_other_kind_are_named(turn, likely):
+    values = {"offset": turn, "offset_standard_error": 0.3, "status": STATUS["ok"]}
+    data = {name: (("reference", "aircraft"), np.full((1, 4), one)) for name, one in values.items()}
+    data["mean_declination"] = "aircraft", np.full(4, -14.0)
+    (sentence,) = heading_kind_warnings(xr.Dataset(data, {"reference": ["ruc"]}), "ruc")
+    assert likely in sentence
 
 
 @pytest.mark.parametrize(
@@ -278,15 +276,6 @@ def test_a_large_deviation_and_weak_winds_are_no_wrong_unit(amplitude, strength)
         return polar(turned) | {"reference": reference, "reported_heading": unknown}
 
     assert plausibility(archive(deviated)) == []
-
-
-def test_values_that_were_impossible_on_reading():
-    made = archive(lambda fields: {"air_temperature": np.full(fields["speed"].size, np.nan)})
-    audit = Audit(read=960, mistakes={"air_temperature": "values in K read as degrees Celsius"})
-    audit.repair("air_temperature_out_of_range", 960)
-    (finding,) = plausibility(made.assign_attrs(reading_audit=audit.as_json()))
-    assert (finding.quantity, finding.share) == ("air_temperature", 1.0)
-    assert "values in K" in str(finding)
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ _VECTORS = {
 }
 _NEEDED = (
     *("time", "latitude", "longitude", "flight", "pressure_altitude", "air_temperature"),
-    *("reported_airspeed", "reported_heading", "declination", "wind_source"),
+    *("reported_airspeed", "reported_heading", "wind_source"),
     *(name for pair in _VECTORS.values() for name in pair),
 )
 _KMH = 1.0 / 3.6  # m/s
@@ -145,7 +145,6 @@ class Finding:
     factor: float = 0.0  # by which speeds are too large or small; 0 for other quantities
     aircraft: tuple[str, ...] = ()
     share: float = 0.0  # of all aircraft
-    refused: bool = True  # whether fits of these aircraft are not published
 
     def __str__(self) -> str:
         number = len(self.aircraft)
@@ -153,27 +152,26 @@ class Finding:
         every = self.share == 1.0 and number > 1
         whom = "all aircraft" if every else f"{number} aircraft ({shown})"
         cause = f"likely {self.likely}" if self.likely else "no usual mistake explains it"
-        if self.refused:
-            cause += ". Check the unit of the column, and the units of the reference"
         plain = self.quantity.removeprefix("reported_").removeprefix("air_").replace("_", " ")
         names = _PLURALS.get(self.quantity, f"{plain}s")
-        return f"Implausible {names} of {whom}: {self.evidence}; {cause}"
+        return (
+            f"Implausible {names} of {whom}: {self.evidence}; {cause}. Check the unit of the "
+            "column, and the units of the reference"
+        )
 
 
 def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = None) -> list[Finding]:
     """Find implausible reported quantities in the headings of every report, in memory or lazy.
 
-    Screened reports count too, because implausible ones are screened out. Values that are
-    impossible were removed on reading; they are counted in the attribute ``reading_audit``. The
-    mean wind of ``references`` is used, by default of all. Returns at most one finding for each
-    quantity and mistake, those of the most aircraft first.
+    Screened reports count too, because implausible ones are screened out. The mean wind of
+    ``references`` is used, by default of all. Returns at most one finding for each quantity and
+    mistake, those of the most aircraft first.
     """
     names = list(map(str, np.atleast_1d(headings["reference"].to_numpy())))
     members = [names.index(name) for name in references or names]
     few: dict[str, Sample] = {}
     together: list[Sample] = []
     aircraft: list[str] = []
-    offsets: dict[str, tuple[float, float, float]] = {}
     judged: list[tuple[list[str], list[Finding]]] = []
     for block in blocks(headings, _NEEDED):
         for tail, sample in _samples(block, members):
@@ -181,8 +179,6 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
             if len(together) < MOST_TOGETHER:
                 winds = (sample[name] for name in ("wind", "reference", "ground"))
                 together.append({**sample, "wind": _less_deviation(*winds)})
-            if (from_reference := _heading_offset(sample)) is not None:
-                offsets[tail] = from_reference
             flights = np.unique(sample["flight"]).size
             if sample["flight"].size < FEWEST_OF_AIRCRAFT or flights < FEWEST_FLIGHTS:
                 few[tail] = sample
@@ -198,30 +194,11 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
             key = one.quantity, "" if one.factor else one.likely
             found.setdefault(key, []).extend((tail, one) for tail in tails)
     findings = [_of_fleet(group, aircraft) for group in found.values()]
-    # quantities of which most values were removed on reading, with the mistake found there
-    audit = json.loads(headings.attrs.get("reading_audit", "{}"))
-    for name, likely in audit.get("mistakes", {}).items():
-        number, kept = audit["repaired"].get(f"{name}_out_of_range", 0), audit["reports_kept"]
-        if number > 0.5 * kept:
-            evidence = f"{number:,} of {kept:,} values are impossible"
-            findings.append(Finding(name, likely, evidence, 0.0, tuple(aircraft), 1.0))
     if not findings and (shift := _clock_error(together)):
         likely = "local times, or another time zone, read as UTC"
         when = "earlier" if shift > 0 else "later"
         evidence = f"the winds agree better with the reference {abs(shift):.0f} h or more {when}"
         findings.append(Finding("time", likely, evidence, 0.0, tuple(aircraft), 1.0))
-    if not any(finding.quantity in ("reported_heading", "track") for finding in findings):
-        offset, error, angle = np.array([*offsets.values()]).reshape(-1, 3).T
-        if kind := taken_for(offset, error, angle):
-            _, like, mistake, remedy = _KINDS[kind]
-            evidence = (
-                f"their offsets (median {np.median(offset):+.1f} degrees) are {like} "
-                f"({np.median(angle):+.1f} degrees)"
-            )
-            whose = tuple(offsets), len(offsets) / len(aircraft), False
-            findings.append(
-                Finding("reported_heading", f"{mistake}: {remedy}", evidence, 0.0, *whose)
-            )
     return sorted(findings, key=lambda finding: -len(finding.aircraft))
 
 
@@ -528,20 +505,6 @@ def _heading_findings(sample: Sample) -> list[Finding]:
     return [Finding("reported_heading", "tracks mapped as headings", evidence)]
 
 
-def _heading_offset(sample: Sample) -> tuple[float, float, float] | None:
-    """Offset of the headings from the reference's, its standard error and the declination."""
-    air = _direction(sample["ground"] - sample["reference"])
-    apart = wrap_degrees(sample["reported_heading"] - air)
-    apart, declination, flight = _finite(apart, sample["declination"], sample["flight"])
-    if not apart.size:
-        return None
-    means = pd.Series(apart).groupby(flight).mean()
-    # One flight has the reference's error of one day: 2 m/s across at 100 m/s is 1 degree.
-    error = float(means.std()) if means.size > 2 else 1.0
-    middle, angle = float(np.median(apart)), float(np.mean(declination))
-    return middle, max(error / np.sqrt(means.size), 0.2), angle
-
-
 def _wind_findings(sample: Sample) -> list[Finding]:
     ground = np.where(np.abs(sample["ground"]) > 20.0, sample["ground"], np.nan)
     wind, reference, ground, flight = _finite(
@@ -623,7 +586,7 @@ def with_implausible(fits: xr.Dataset, findings: Sequence[Finding]) -> xr.Datase
     the winds; the attribute ``implausible_reports`` holds the findings of :func:`plausibility`.
     """
     status = fits["status"]
-    tails = [tail for finding in findings if finding.refused for tail in finding.aircraft]
+    tails = [tail for finding in findings for tail in finding.aircraft]
     named = status["aircraft"].astype(str).isin(tails)
     # winds that a correction does not improve are a consequence of implausible reports
     affected = named & (published(status) | (status == STATUS["no_improvement"]))
@@ -679,8 +642,8 @@ def heading_kind_warnings(fits: xr.Dataset, reference: str) -> list[str]:
 
     ``fits`` hold ``mean_declination`` (aircraft).
     """
-    known_from_reports = '"reported_heading"' in str(fits.attrs.get("implausible_reports", ""))
-    if "mean_declination" not in fits or known_from_reports:
+    implausible = '"reported_heading"' in str(fits.attrs.get("implausible_reports", ""))
+    if "mean_declination" not in fits or implausible:
         return []
     fit = fits.sel(reference=reference)
     offset, angle = fit["offset"].to_numpy(), fit["mean_declination"].to_numpy()
