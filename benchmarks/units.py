@@ -195,7 +195,7 @@ def judge(folders):
             print(f"{folder.name} {name}: {fits} fits; {'; '.join(map(str, findings))}", flush=True)
             for ratio in RATIOS:
                 plausibility.RATIO = ratio
-                said = [one for one in plausibility.plausibility(headings) if one.refused]
+                said = plausibility.plausibility(headings)
                 named[ratio] += mistake and any(one.likely and one.share == 1.0 for one in said)
                 silent[ratio] += not mistake and not said
             plausibility.RATIO = usual
