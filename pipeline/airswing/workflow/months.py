@@ -373,7 +373,7 @@ class _Month:
         return headings
 
     def _winds(self, reports: xr.Dataset) -> tuple[xr.Dataset, dict[str, Any]]:
-        """Model winds at reports, and by reference their overlap and what could not be read."""
+        """Model winds at reports, and by reference what could not be read."""
         asked = self.job.config.collocation
         models = {
             name: self.models[name]
@@ -382,7 +382,6 @@ class _Month:
             for name in self.job.config.references
         }
         with self.job.progress.stage(f"collocate {self.name}") as stage:
-            overlaps = overlap(reports, models, max_time_gap=asked.max_time_gap)
             winds = collocate(
                 reports,
                 models,
@@ -391,15 +390,19 @@ class _Month:
                 sparse=asked.sparse,
                 derivatives=True,
             ).compute()
-            matched = ", ".join(f"{name} {one['matched']:,}" for name, one in overlaps.items())
-            stage.note = f"reports within the model: {matched}"
+            numbers = winds["reference_eastward_wind"].count("report").to_series()
+            matched = ", ".join(f"{name} {number:,}" for name, number in numbers.items())
+            stage.note = f"reports with winds: {matched}"
         problems = dict(zip(models, winds[PROBLEMS].to_numpy(), strict=True))
         met = (problem for found in problems.values() for problem in found)
         self.lost = len({file for _, file, why in met if is_lost_file(why)})
         audits = {
-            name: overlaps[name]
-            | {"notes": model.notes, "skipped": model.skipped}
-            | {"unread_messages": len(problems[name]), "unread": unread(problems[name])}
+            name: {
+                "notes": model.notes,
+                "skipped": model.skipped,
+                "unread_messages": len(problems[name]),
+                "unread": unread(problems[name]),
+            }
             for name, model in models.items()
         }
         return winds.drop_vars([*ACCOUNT, PROBLEMS]), audits

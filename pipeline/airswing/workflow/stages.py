@@ -122,9 +122,6 @@ def make_corrected(
                 corrected = correct(month, fitted, reference=job.reference, method=method)
                 name, sources = f"{CORRECTED}/{path.name}", (month, fitted)
                 job.write(corrected, name, title=title, sources=sources)
-        for path in (job.output / CORRECTED).glob("*.nc"):
-            if path.name not in {month.name for month in months}:
-                path.unlink()
     return open_product(job.output / CORRECTED)
 
 
