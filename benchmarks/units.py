@@ -8,6 +8,7 @@ are named for all aircraft and the valid ones without a finding.
 """
 
 import argparse
+import json
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -193,10 +194,13 @@ def judge(folders):
                 continue
             findings, fits = judged(headings)
             print(f"{folder.name} {name}: {fits} fits; {'; '.join(map(str, findings))}", flush=True)
+            # impossible values are named by the reading
+            notes = json.loads(headings.attrs["reading_audit"])["notes"]
             for ratio in RATIOS:
                 plausibility.RATIO = ratio
                 said = plausibility.plausibility(headings)
-                named[ratio] += mistake and any(one.likely and one.share == 1.0 for one in said)
+                found = bool(notes) or any(one.likely and one.share == 1.0 for one in said)
+                named[ratio] += mistake and found
                 silent[ratio] += not mistake and not said
             plausibility.RATIO = usual
     for ratio in RATIOS:

@@ -19,10 +19,11 @@ of near places 3, 6, 9 or 12 h apart, by `CLOCK_RATIO` and four standard errors;
 hours remain unnoticed.
 
 ``python -m benchmarks.units``: with any `RATIO` from 1.5 to 3 every wrong unit of every column is
-named for all aircraft, and no correct archive has a finding (deviations of 25 degrees and winds of
-a third of the strength included). Valid for aircraft that fly as airliners and commuter aircraft
-do, in air within 15 K of the standard atmosphere or colder by any amount at low level. A reference
-in the wrong unit looks like reports in the wrong unit, as the message states.
+named for all aircraft (by the notes of the reading where it makes values impossible), and no
+correct archive has a finding (deviations of 25 degrees and winds of a third of the strength
+included). Valid for aircraft that fly as airliners and commuter aircraft do, in air within 15 K of
+the standard atmosphere or colder by any amount at low level. A reference in the wrong unit looks
+like reports in the wrong unit, as the message states.
 """
 
 from __future__ import annotations
