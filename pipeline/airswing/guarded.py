@@ -6,24 +6,20 @@ caller gets a `WorkerEndedError` and the next call starts a new worker.
 
 Functions are module-level functions of this package; arguments and results can be pickled. A worker
 serves one call at a time and is used again. If a worker that has served earlier calls ends, the
-call is repeated once in a new worker, because the earlier calls may be the cause. Workers end with
-the process that started them, also if that process is killed.
+call is repeated once in a new worker, because the earlier calls may be the cause. A worker is a new
+interpreter, so that a script without ``if __name__ == "__main__"`` does not run again in it and any
+process may start one; it ends when its input ends, also if the process that started it is killed.
 """
 
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
+import pickle
 import signal
+import subprocess
 import sys
-import threading
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.context import SpawnContext, SpawnProcess
-from multiprocessing.process import BaseProcess
-from types import ModuleType
 from typing import ParamSpec, TypeVar
 
 Parameters = ParamSpec("Parameters")
@@ -31,38 +27,13 @@ Result = TypeVar("Result")
 
 SECONDS = 60  # limit of one call; the slowest packing decodes 200,000 points a second
 MEMORY = 4 << 30  # bytes of address space of a worker; a damaged length may request far more
-_START_LOCK = threading.Lock()
 
 
 class WorkerEndedError(Exception):
     """The worker process ended while it served a call."""
 
 
-class _Process(SpawnProcess):
-    """A spawned process that does not import the main script and may be started anywhere.
-
-    Without this a script without ``if __name__ == "__main__"`` would run again in each worker,
-    and daemonic processes (workers of dask.distributed) could start none.
-    """
-
-    def start(self) -> None:
-        config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
-        with _START_LOCK:
-            main, daemon = sys.modules["__main__"], config.get("daemon")
-            sys.modules["__main__"], config["daemon"] = ModuleType("__main__"), False
-            # a process that was itself started by another waits at its end for all but daemons
-            self.daemon = True
-            try:
-                super().start()
-            finally:
-                sys.modules["__main__"], config["daemon"] = main, daemon
-
-
-class _Context(SpawnContext):
-    Process = _Process
-
-
-_idle: list[ProcessPoolExecutor] = []
+_idle: list[subprocess.Popen[bytes]] = []
 if hasattr(os, "register_at_fork"):  # workers serve the process that started them
     os.register_at_fork(after_in_child=_idle.clear)
 
@@ -74,34 +45,48 @@ def guarded(
 
     WorkerEndedError if the worker ended, or the call took longer than `SECONDS`.
     """
+    call = pickle.dumps((function, args, kwargs))
     while True:
         try:
-            executor, used = _idle.pop(), True
+            worker, used = _idle.pop(), True
         except IndexError:
-            executor, used = ProcessPoolExecutor(1, _Context(), _prepare), False
+            worker, used = _started(), False
+        assert worker.stdin is not None and worker.stdout is not None
         try:
-            future = executor.submit(_limited, function, args, kwargs)
-            error = future.exception()
-        except BrokenProcessPool as broken:
-            error = broken
-        except BaseException:  # interrupted while the worker is busy
-            executor.shutdown(wait=False, cancel_futures=True)
-            raise
-        if not isinstance(error, BrokenProcessPool):
-            _idle.append(executor)
-            return future.result()
-        executor.shutdown(wait=False)
-        if not used:
-            raise WorkerEndedError("decoding it ends the process or does not end") from error
+            worker.stdin.write(call)
+            worker.stdin.flush()
+            result: Result
+            result, error = pickle.load(worker.stdout)
+        except BaseException as ended:  # the worker ended, or this process was interrupted
+            worker.kill()
+            worker.communicate()
+            if not isinstance(ended, OSError | EOFError | pickle.UnpicklingError):
+                raise
+            if not used:
+                raise WorkerEndedError("decoding it ends the process or does not end") from ended
+        else:
+            _idle.append(worker)
+            if error is not None:
+                raise error
+            return result
 
 
-def _prepare() -> None:
-    """Limits of a worker; its messages about assertions are not shown."""
+def _started() -> subprocess.Popen[bytes]:
+    """A new worker, which finds modules where this process does."""
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", "from airswing.guarded import serve; serve()"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+
+
+def serve() -> None:
+    """Answer the calls on standard input, each on standard output, until the input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what libraries print is no answer
     # glibc keeps freed memory after a large block was freed: arrays of fields are then not
     # returned to the system and requested again for each message (a third of the time)
     bytes(31 << 20)
@@ -112,21 +97,15 @@ def _prepare() -> None:
         limit = MEMORY if most == resource.RLIM_INFINITY else min(MEMORY, most)
         resource.setrlimit(resource.RLIMIT_AS, (limit, most))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-
-
-def _end_with(parent: BaseProcess) -> None:
-    parent.join()
-    os._exit(0)
-
-
-def _limited(
-    function: Callable[..., Result], args: tuple[object, ...], kwargs: dict[str, object]
-) -> Result:
-    """Call a function within `SECONDS`; the alarm ends the process."""
-    if hasattr(signal, "alarm"):
-        signal.alarm(SECONDS)
-    try:
-        return function(*args, **kwargs)
-    finally:
-        if hasattr(signal, "alarm"):
-            signal.alarm(0)
+    alarm: Callable[[int], object] = getattr(signal, "alarm", lambda seconds: None)
+    with contextlib.suppress(EOFError):
+        while True:
+            function, args, kwargs = pickle.load(sys.stdin.buffer)
+            alarm(SECONDS)  # ends the process
+            try:
+                answer = pickle.dumps((function(*args, **kwargs), None))
+            except Exception as error:
+                answer = pickle.dumps((None, error))
+            alarm(0)
+            answers.write(answer)
+            answers.flush()

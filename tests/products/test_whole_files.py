@@ -3,7 +3,7 @@
 import json
 import pickle
 
-from airswing.products.whole_files import Findings, none_found
+from airswing.products.whole_files import Findings
 
 
 def test_findings_are_a_dict_with_a_line_a_key_and_none_of_them_long():
@@ -15,9 +15,3 @@ def test_findings_are_a_dict_with_a_line_a_key_and_none_of_them_long():
     assert max(map(len, lines)) <= 100
     assert json.loads(json.dumps(found)) == found
     assert pickle.loads(pickle.dumps(found)) == found
-
-
-def test_a_folder_without_such_a_file(tmp_path):
-    (tmp_path / "a.grb2").write_bytes(b"GRIB")
-    assert "no file found" in str(none_found(tmp_path / "b*.grb2", "files"))
-    assert f"such as {tmp_path}/*.grb2" in str(none_found(tmp_path, "files"))

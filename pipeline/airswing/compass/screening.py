@@ -149,14 +149,6 @@ def _field_test(
     return xr.Dataset({"screening": ("report", bits)})
 
 
-_MEANINGS = {
-    "together": "reports the rule marked",
-    "alone": "reports only this rule marked",
-    "reports": "reports before screening",
-    "kept": "reports no rule marked",
-}
-
-
 def audit(headings: xr.Dataset) -> xr.Dataset:
     """Count what each screening rule removed.
 
@@ -169,22 +161,16 @@ def audit(headings: xr.Dataset) -> xr.Dataset:
     -------
     Dataset
         ``together`` (rule, aircraft): reports that the rule marked; ``alone`` (rule, aircraft):
-        those that no other rule marked, which would be kept without the rule; ``reports``, ``kept``
-        (aircraft); and over the fleet ``together_total``, ``alone_total`` (rule),
-        ``reports_total``, ``kept_total``. Dask-backed where the headings are.
+        those that no other rule marked, which would be kept without the rule; ``reports`` before
+        screening and ``kept`` (aircraft). Dask-backed where the headings are.
 
     Examples
     --------
-    >>> airswing.audit(headings)["together_total"].dims
+    >>> airswing.audit(headings)["together"].sum("aircraft").dims
     ('rule',)
     """
     found = map_aircraft(_counts, headings[["screening", "row_size"]])
-    found = found.assign_coords(rule=list(SCREENING), aircraft=headings["aircraft"].to_numpy())
-    for name, meaning in _MEANINGS.items():
-        found[f"{name}_total"] = found[name].sum("aircraft")
-        found[name].attrs["long_name"] = meaning
-        found[f"{name}_total"].attrs["long_name"] = f"{meaning}, all aircraft"
-    return found
+    return found.assign_coords(rule=list(SCREENING), aircraft=headings["aircraft"].to_numpy())
 
 
 def _counts(headings: xr.Dataset) -> xr.Dataset:

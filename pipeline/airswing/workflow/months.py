@@ -335,7 +335,7 @@ class _Month:
                 headings = mark_corrected_units(
                     headings, aircraft=test.corrected, start=np.datetime64(test.start), end=end
                 )
-            counts = screening_counts(headings)["together_total"].to_series()
+            counts = screening_counts(headings)["together"].sum("aircraft").to_series()
             kept = int((headings["screening"] == 0).sum())
             headings.attrs = {
                 **attrs,
