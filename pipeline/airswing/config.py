@@ -360,17 +360,6 @@ class Config(_Section):
             raise ValueError(f"gap.reference: no reference or pool {self.gap.reference!r}{near}")
         return self
 
-    def __repr__(self) -> str:
-        files = ", ".join(self.reports.files)
-        lines = [f"  reports: {files}", f"  references: {', '.join(self.references)}"]
-        lines += [f"  pool {name}: {' + '.join(of)}" for name, of in self.pool.items()]
-        lines += [f"  gap against: {self.gap_reference()}", f"  output: {self.output}"]
-        given = sorted(self.model_fields_set - {"reports", "references", "pool", "output"})
-        lines += [f"  also given: {', '.join(given)}"] if given else []
-        return "\n".join(["Config:", *lines])
-
-    __str__ = __repr__
-
     def pools(self) -> dict[str, list[str]]:
         """Every single reference and every pool, with its members."""
         return {name: [name] for name in self.references} | self.pool

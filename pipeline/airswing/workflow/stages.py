@@ -383,13 +383,6 @@ def make_monitoring(
     from airswing.report.run.changes import write_monitoring_page
 
     path, in_use = job.output / "events.json", job.config.monitoring.tables_in_use
-    if in_use is not None and not in_use.exists():
-        raise ConfigError(
-            "no such file",
-            field="monitoring.tables_in_use",
-            found=in_use,
-            remedy="Give the tables on board in the format of tables.csv, or omit the key",
-        )
     tables = None if in_use is None else read_tables(in_use, reference=job.reference)
     with job.progress.stage("monitoring") as stage:
         screened, fitted = job.ready(headings, HEADINGS), job.ready(fits, FITS)

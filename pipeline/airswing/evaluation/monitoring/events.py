@@ -505,8 +505,9 @@ def read_tables(path: Path | str, *, reference: str) -> dict[str, UnitTable]:
         lines = lines.drop_duplicates(["aircraft", "heading_deg"], keep="last")
         lines = lines.sort_values("heading_deg", kind="stable")
     except (OSError, ValueError, KeyError, TypeError, UnicodeError) as err:
-        remedy = "It has the columns and rows of tables.csv, as a run writes it"
-        raise InputError("not a file of tables", file=path, found=err, remedy=remedy) from err
+        field, remedy = "monitoring.tables_in_use", "Give the path of a tables.csv of a run"
+        what = "not a file of tables"
+        raise InputError(what, file=path, field=field, found=err, remedy=remedy) from err
     return {
         str(name): UnitTable(rows["to_add"].tolist(), rows["error"].tolist())
         for name, rows in lines.groupby("aircraft")
