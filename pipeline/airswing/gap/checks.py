@@ -95,12 +95,12 @@ def run_checks(
 def _assumptions(
     noise: NoiseFit, kappa: float, after: CalibrationEntry, pit: Integers, placebo: PlaceboEntry
 ) -> list[AssumptionEntry]:
-    known = np.isfinite(noise.autocovariance) & (noise.pair_count > 100)
-    misfit = np.abs(noise.autocovariance - noise.autocovariance_model)[known]
+    valid = np.isfinite(noise.autocovariance) & (noise.pair_count > 100)
+    misfit = np.abs(noise.autocovariance - noise.autocovariance_model)[valid]
     correlation, worst = "too few pairs of reports", float("nan")
     if misfit.size and noise.autocovariance_model[0] > 0:
         worst = float(misfit.max() / noise.autocovariance_model[0])
-        distance = float(noise.distance_km[known][int(misfit.argmax())])
+        distance = float(noise.distance_km[valid][int(misfit.argmax())])
         correlation = f"largest misfit {100 * worst:.0f} % of the variance, at {distance:.0f} km"
     size, calibrated = "too few held-out reports", False
     if np.isfinite(after.spread):
@@ -189,17 +189,17 @@ def aliases(fitted: Fitted) -> list[AliasEntry]:
         for group in sums.candidates.groups:
             if not group.named or group.dated or group.name == term.group.name:
                 continue
-            other = whitened(group)
+            rival = whitened(group)
             energy = 0.0
-            for part in (sums.rows_of(a) for a in term.tails):
-                gram, cross = other[part].T @ other[part], other[part].T @ columns[part]
+            for rows in (sums.rows_of(a) for a in term.tails):
+                gram, cross = rival[rows].T @ rival[rows], rival[rows].T @ columns[rows]
                 ridge = (1e-6 * np.trace(gram) + 1e-12) * np.eye(len(gram))
                 energy += float((cross * np.linalg.solve(gram + ridge, cross)).sum())
             key = (term.group.name, group.name)
             shares[key] = max(energy / total, shares.get(key, 0.0))
     return [
-        AliasEntry(effect, other, float(share), separated_by(effect, other))
-        for (effect, other), share in sorted(shares.items(), key=lambda item: -item[1])
+        AliasEntry(effect, rival, float(share), separated_by(effect, rival))
+        for (effect, rival), share in sorted(shares.items(), key=lambda item: -item[1])
         if share >= 0.8
     ]
 
@@ -216,13 +216,13 @@ def calibrate(
     """
     rng = np.random.default_rng(seed)
     real = np.asarray(whiten(residual, noise.order, noise.gains))
-    kept = noise.gains.weight > 0
+    used = noise.gains.weight > 0
     simulated: Floats = rng.normal(size=(real.shape[0], 2))
-    values = real[kept]
-    sd = 1.0 / (noise.gains.weight[kept] * noise.gains.scale[kept])
-    lag, lag_error = lag_one(real, kept, frame.flight, frame.time, day)
+    values = real[used]
+    sd = 1.0 / (noise.gains.weight[used] * noise.gains.scale[used])
+    lag, lag_error = lag_one(real, used, frame.flight, frame.time, day)
     auc, auc_error = two_sample(
-        flight_features(frame, real, kept), flight_features(frame, simulated, kept), rng
+        flight_features(frame, real, used), flight_features(frame, simulated, used), rng
     )
     # in standard deviations; with the uniform probability integral transform
     probability = norm.cdf(values)
@@ -242,14 +242,14 @@ def calibrate(
 
 
 def lag_one(
-    values: Floats, kept: Booleans, flight: Integers, time: Floats, day: Integers
+    values: Floats, used: Booleans, flight: Integers, time: Floats, day: Integers
 ) -> tuple[float, float]:
     """Correlation of neighbours on a flight and its standard error over days; NaN without any.
 
     ``values`` are whitened residuals (n, 2), ``kept`` the reports that are not left out.
     """
     order = np.lexsort((time, flight))
-    order = order[kept[order]]
+    order = order[used[order]]
     same = flight[order[:-1]] == flight[order[1:]]
     before, after = order[:-1][same], order[1:][same]
     product = (values[before] * values[after]).sum(axis=1)
@@ -263,7 +263,7 @@ def lag_one(
     return float(ratio), float(scatter / daily_power.sum())
 
 
-def flight_features(frame: Frame, values: Floats, kept: Booleans) -> Floats:
+def flight_features(frame: Frame, values: Floats, used: Booleans) -> Floats:
     """Features (f, k) of every flight with five reports or more for the classifier.
 
     Sums divided by the root of the number of reports: u, v, components across and along the
@@ -271,17 +271,17 @@ def flight_features(frame: Frame, values: Floats, kept: Booleans) -> Floats:
     neighbours.
     """
     index = np.lexsort((frame.time, frame.flight))
-    index = index[kept[index]]
+    index = index[used[index]]
     _, number, reports = np.unique(frame.flight[index], return_inverse=True, return_counts=True)
     vectors = values[index]
     sine, cosine = (f(frame.magnetic_heading[index]) for f in (np.sin, np.cos))
     sides = [(vectors * axis).sum(axis=1) for axis in unit_vectors(frame.heading[index])]
-    parts = [*vectors.T, *sides, *(side * f for side in sides for f in (sine, cosine))]
+    features = [*vectors.T, *sides, *(side * f for side in sides for f in (sine, cosine))]
     neighbour = np.zeros(index.size)
     same = number[1:] == number[:-1]
     neighbour[1:][same] = (vectors[1:] * vectors[:-1]).sum(axis=1)[same]
     root = np.sqrt(reports)
-    means = np.stack([np.bincount(number, np.nan_to_num(part)) / root for part in parts], -1)
+    means = np.stack([np.bincount(number, np.nan_to_num(x)) / root for x in features], -1)
     energy = np.bincount(number, (vectors**2).sum(axis=1) - 2.0) / root
     linked = np.bincount(number, neighbour) / root
     return np.asarray(np.column_stack([means, means**2, energy, linked])[reports >= 5])
@@ -294,14 +294,14 @@ def two_sample(real: Floats, simulated: Floats, rng: np.random.Generator) -> tup
     than 8 flights in a part.
     """
     number = real.shape[0]
-    parts = 4
-    if number < 8 * parts:
+    folds = 4
+    if number < 8 * folds:
         return float("nan"), float("nan")
-    part = rng.permutation(np.arange(number) % parts)
+    fold = rng.permutation(np.arange(number) % folds)
     areas = []
-    for p in range(parts):
-        weights = _discriminant(real[part != p], simulated[part != p])
-        first, second = (sample[part == p] @ weights for sample in (real, simulated))
+    for p in range(folds):
+        weights = _discriminant(real[fold != p], simulated[fold != p])
+        first, second = (sample[fold == p] @ weights for sample in (real, simulated))
         # the probability that a value of the first sample exceeds one of the second
         areas.append(float(mannwhitneyu(first, second).statistic / (first.size * second.size)))
     # standard error of the rank sum of two samples of one distribution (Mann and Whitney 1947)
@@ -310,13 +310,13 @@ def two_sample(real: Floats, simulated: Floats, rng: np.random.Generator) -> tup
 
 def _discriminant(first: Floats, second: Floats) -> Floats:
     """Weights (k,) of Fisher's linear discriminant, with features clipped at 5 robust sd."""
-    both = np.vstack([first, second])
-    scale = np.array([robust_sd(feature) for feature in both.T]) + 1e-9  # constant features
-    middle = np.median(both, axis=0)
+    samples = np.vstack([first, second])
+    scale = np.array([robust_sd(feature) for feature in samples.T]) + 1e-9  # constant features
+    middle = np.median(samples, axis=0)
     low, high = middle - 5.0 * scale, middle + 5.0 * scale
-    one, two = (np.clip(sample, low, high) / scale for sample in (first, second))
-    spread = np.cov(one.T) + np.cov(two.T) + 0.02 * np.eye(scale.size)
-    return np.asarray(np.linalg.solve(spread, one.mean(axis=0) - two.mean(axis=0)) / scale)
+    x, y = (np.clip(sample, low, high) / scale for sample in (first, second))
+    spread = np.cov(x.T) + np.cov(y.T) + 0.02 * np.eye(scale.size)
+    return np.asarray(np.linalg.solve(spread, x.mean(axis=0) - y.mean(axis=0)) / scale)
 
 
 # ------------------------------------------------------------------------------------- placebo
@@ -354,9 +354,9 @@ def placebo_columns(frame: Frame, rng: np.random.Generator) -> Floats:
     _, start, number, reports = np.unique(
         frame.flight[order], return_index=True, return_inverse=True, return_counts=True
     )
-    other = rng.permutation(start.size)[number]
+    source = rng.permutation(start.size)[number]
     position = np.arange(order.size) - start[number]
-    donor = order[start[other] + np.mod(position, reports[other])]
+    donor = order[start[source] + np.mod(position, reports[source])]
     heading = np.empty(order.size)
     heading[order] = np.nan_to_num(frame.magnetic_heading)[donor]
     across, _ = unit_vectors(frame.heading)
@@ -379,9 +379,9 @@ def placebo_errors(
     ridge = np.eye(k) / np.radians(2.0) ** 2  # prior of a deviation
     all_score, all_gram = score.sum(axis=1, keepdims=True), gram.sum(axis=1, keepdims=True)
     everything = np.linalg.solve(all_gram + ridge, all_score[..., None])[:, 0, :, 0]
-    others = np.linalg.solve(all_gram - gram + ridge, (all_score - score)[..., None])[..., 0]
+    by_fold = np.linalg.solve(all_gram - gram + ridge, (all_score - score)[..., None])[..., 0]
     fitted = np.einsum("nck,nk->nc", columns, everything[aircraft])
-    return np.asarray(fitted), np.asarray(np.einsum("nck,nk->nc", columns, others[aircraft, fold]))
+    return np.asarray(fitted), np.asarray(np.einsum("nck,nk->nc", columns, by_fold[aircraft, fold]))
 
 
 # -------------------------------------------------------------------------------- claims again
@@ -449,8 +449,8 @@ def review_claims(
     adjusted = adjusted_headings(headings, adjustment)
     members = list(pools[reference])
     before, after = (
-        fit_deviation(part, pools={reference: members}, alone=False, **fit).sel(reference=reference)
-        for part in (headings, adjusted)
+        fit_deviation(ds, pools={reference: members}, alone=False, **fit).sel(reference=reference)
+        for ds in (headings, adjusted)
     )
     fits = compared_fits(before, after)
     judged = [entry.stays for entry in fits if entry.stays is not None]
@@ -460,8 +460,8 @@ def review_claims(
     from airswing.evaluation.field_test import field_test as tested
 
     first, second = (
-        tested(part, pools={reference: members}, reference=reference, **field_test)
-        for part in (headings, adjusted)
+        tested(ds, pools={reference: members}, reference=reference, **field_test)
+        for ds in (headings, adjusted)
     )
     low, high = (float(end) for end in first["adjusted_reduction_ci_kt"])
     now, then = (float(test["adjusted_reduction_kt"]) for test in (second, first))

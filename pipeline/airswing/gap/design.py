@@ -16,9 +16,9 @@ therefore evaluated at
 Random heading differences s between the two leave a factor exp(-k^2 s^2 / 2) on harmonic k: 0.1 %
 for one cycle at 2.5 degrees.
 
-What the aircraft of one day share is a field of that day, curved in place and height; what lasts
-over the archive is the reference's climatology by height, region and hour. Places are in units of
-the archive's spread, clipped at three of them.
+The error that the aircraft of one day share is a field of that day, curved in place and height; the
+error that lasts over the archive is the reference's climatology by height, region and hour. Places
+are in units of the archive's spread, clipped at three of them.
 
 Where the heading is off by eps (near a turn: `airswing.physics.turns`), a column of the deviation
 misses about airspeed x deviation x eps, at random from report to report: white noise that is added
@@ -52,14 +52,14 @@ def exogenous(frame: Frame) -> Frame:
     implied = np.arctan2(frame.ground_u - smooth[:, 0], frame.ground_v - smooth[:, 1])
     difference = wrap_signed(frame.heading - implied)
     declination = np.nan_to_num(wrap_signed(frame.heading - frame.magnetic_heading))
-    known = np.isfinite(frame.dudlnp) & np.isfinite(frame.dvdlnp)
+    finite = np.isfinite(frame.dudlnp) & np.isfinite(frame.dvdlnp)
     heading = implied + smooth_deviation(difference, implied - declination, frame.aircraft)
     return replace(
         frame,
         u_ref=smooth[:, 0],
         v_ref=smooth[:, 1],
-        dudlnp=np.where(known, shear[:, 0], np.nan),
-        dvdlnp=np.where(known, shear[:, 1], np.nan),
+        dudlnp=np.where(finite, shear[:, 0], np.nan),
+        dvdlnp=np.where(finite, shear[:, 1], np.nan),
         heading=np.mod(heading, 2 * np.pi),
         magnetic_heading=np.mod(heading - declination, 2 * np.pi),
         airspeed=typical_airspeed(
@@ -75,9 +75,9 @@ def _large_scale(frame: Frame) -> tuple[Floats, Floats]:
     """
     x, y, z = _places(frame)
     hour = np.mod(frame.time / DAY, 1.0) - 0.5
-    one, none = np.ones_like(x), np.zeros_like(x)
-    terms = [one, x, y, z, z * z, z**3, x * z, y * z, hour, hour * z, x * x, y * y, x * y]
-    rates = [none, none, none, one, 2 * z, 3 * z * z, x, y, none, hour, none, none, none]
+    unit, zero = np.ones_like(x), np.zeros_like(x)
+    terms = [unit, x, y, z, z * z, z**3, x * z, y * z, hour, hour * z, x * x, y * y, x * y]
+    rates = [zero, zero, zero, unit, 2 * z, 3 * z * z, x, y, zero, hour, zero, zero, zero]
     design, slopes = np.stack(terms, -1), np.stack(rates, -1)
     wind = np.stack([frame.u_rep, frame.v_rep], -1)
     fit, shear = np.empty_like(wind), np.empty_like(wind)
@@ -88,8 +88,8 @@ def _large_scale(frame: Frame) -> tuple[Floats, Floats]:
     for one_day in np.unique(day):
         index = np.flatnonzero(day == one_day)
         rows = design[index]
-        found = np.linalg.solve(rows.T @ rows + ridge, rows.T @ wind[index])
-        fit[index], shear[index] = rows @ found, slopes[index] @ found / spread
+        theta = np.linalg.solve(rows.T @ rows + ridge, rows.T @ wind[index])
+        fit[index], shear[index] = rows @ theta, slopes[index] @ theta / spread
     return fit, shear
 
 
@@ -138,10 +138,10 @@ def typical_airspeed(
         normal = design[index].T @ design[index] + np.eye(design.shape[1])
         profile = np.linalg.solve(normal, design[index].T @ (airspeed[index] - middle))
         out[index] = middle + design[index] @ profile
-    _, which = np.unique(flight, return_inverse=True)
-    count = np.bincount(which)
+    _, number = np.unique(flight, return_inverse=True)
+    count = np.bincount(number)
     # two reports' worth of the profile: a flight of one or two would be its own typical airspeed
-    return np.asarray(out + (np.bincount(which, airspeed - out) / (count + 2.0))[which])
+    return np.asarray(out + (np.bincount(number, airspeed - out) / (count + 2.0))[number])
 
 
 def day_field_columns(frame: Frame) -> Floats:
@@ -159,8 +159,8 @@ def day_field_columns(frame: Frame) -> Floats:
 def climatology_columns(frame: Frame) -> Floats:
     """Columns (n, 2, m) of the reference's own climatology: u and v by height, region and hour.
 
-    What a reference lacks over a region changes with height: without the products of three places,
-    errors that last pass for winds turned or stretched.
+    The error of a reference over a region changes with height: without the products of three
+    places, errors that last pass for winds turned or stretched.
     """
     x, y, z = _places(frame)
     angle = 2 * np.pi * frame.time / DAY
@@ -202,9 +202,9 @@ def _lasting_rounding(frame: Frame, heading: Floats, step: Floats) -> Floats:
     ``heading`` of columns where there are none.
     """
     fine = step == 0.0
-    chosen = fine if fine.any() else ~fine
-    angle = np.where(fine, frame.heading, heading)[chosen]
-    _, flight = np.unique(frame.flight[chosen], return_inverse=True)
+    used = fine if fine.any() else ~fine
+    angle = np.where(fine, frame.heading, heading)[used]
+    _, flight = np.unique(frame.flight[used], return_inverse=True)
     out = np.zeros(frame.size)
     for width in np.unique(step[~fine]):
         error = angle - width * np.round(angle / width)
@@ -226,7 +226,7 @@ def heading_doubt(frame: Frame, columns_frame: Frame) -> Floats:
     deviation = np.sqrt(np.bincount(frame.aircraft, squared, minlength=len(frame.tails)) / count)
     # a heading that is off by more than a right angle says nothing
     off = np.minimum(np.nan_to_num(frame.heading_error), np.radians(90.0))
-    steps = np.array([one.step if one else 0.0 for one in heading_lattices(frame)])
+    steps = np.array([lattice.step if lattice else 0.0 for lattice in heading_lattices(frame)])
     rounding = _lasting_rounding(frame, columns_frame.heading, np.radians(steps)[frame.aircraft])
     near_turns = deviation[frame.aircraft] * off
     return np.asarray(columns_frame.airspeed * np.hypot(near_turns, rounding))

@@ -118,8 +118,8 @@ def diagnose(
 
     Examples
     --------
-    >>> found = airswing.diagnose(headings, reference="ruc", dictionary=False)
-    >>> found.report.gap.mean_vector_disagreement_kt > 0.0
+    >>> report = airswing.diagnose(headings, reference="ruc", dictionary=False).report
+    >>> report.gap.mean_vector_disagreement_kt > 0.0
     True
     """
     if isinstance(reports, xr.Dataset):
@@ -152,7 +152,7 @@ def diagnose(
     claims = claims_of(fitted.terms)
     closure = close(fitted, [claim.terms for claim in claims], seed=seed)
     say("distribution")
-    unseen = _unseen_in_means(fitted, closure, catalogue, dictionary, seed)
+    unseen = _effects_without_mean(fitted, closure, catalogue, dictionary, seed)
     say("where")
     where = slices(Model(fitted.model.sums)) if dictionary else []
     report = assemble(fitted, effects, claims, closure, unseen, where)
@@ -179,8 +179,8 @@ def attributed(
     if len(members) < 2 or all(effect.scope != "reference" for effect in report.effects):
         return report
     names = [effect.name for effect in report.effects]
-    found = {one: _effects_against(one, names, frame_against, seed) for one in members}
-    return replace(report, effects=by_member(report.effects, str(report.reference), found))
+    fits = {member: _effects_against(member, names, frame_against, seed) for member in members}
+    return replace(report, effects=by_member(report.effects, str(report.reference), fits))
 
 
 def _effects_against(
@@ -192,39 +192,39 @@ def _effects_against(
         frame = frame_against(reference, offset)
         effects, _untestable = usable_effects(frame, {name: CATALOGUE[name] for name in names})
         fitted = fit_model(frame, effects, tables=False, exchanges=False, seed=seed)
-        found = {
+        latest = {
             claim.name: effect_entry(fitted, claim, effects, ClosesEntry(0.0, [0.0, 0.0]))
             for claim in claims_of(fitted.terms)
         }
-        entries = entries | found
-        if of_time not in found:
+        entries = entries | latest
+        if of_time not in latest:
             break
-        step = number(found[of_time].parameters["offset_h"])
+        step = number(latest[of_time].parameters["offset_h"])
         offset += step
-        entries[of_time] = replace(found[of_time], parameters={"offset_h": offset})
+        entries[of_time] = replace(latest[of_time], parameters={"offset_h": offset})
         if abs(step) < 0.5:  # the second order is near enough
             break
     return list(entries.values())
 
 
-def _unseen_in_means(
+def _effects_without_mean(
     fitted: Fitted, closure: Closure, catalogue: Mapping[str, Effect], dictionary: bool, seed: int
 ) -> list[EffectEntry | PlaceEntry]:
     frame, rest = fitted.frame, closure.residual
-    # without what moves means: heavy tails of an effect are no gross errors
+    # without the effects on means: heavy tails of an effect are no gross errors
     gross = gross_errors(rest, fitted.noise.order)
-    found = [*coded_effects(frame), outliers(frame, rest, replace(fitted.noise, gross=gross))]
+    entries = [*coded_effects(frame), outliers(frame, rest, replace(fitted.noise, gross=gross))]
     out: list[EffectEntry | PlaceEntry] = []
     coded, erring = list[int](), list[int]()
-    for one in found:
+    for entry in entries:
         # from odds of a thousand
-        if one is None or one.name not in catalogue or one.evidence_nats < 7.0:
+        if entry is None or entry.name not in catalogue or entry.evidence_nats < 7.0:
             continue
-        reduction, whose = reduction_of_coding, coded
-        if one.name == "outliers":
-            reduction, whose = reduction_of_gross, erring
-        out.append(replace(one, closure=reduction(frame, rest, one, gross)))
-        whose.extend(frame.tails.index(tail) for tail in one.tails)
+        reduction, affected = reduction_of_coding, coded
+        if entry.name == "outliers":
+            reduction, affected = reduction_of_gross, erring
+        out.append(replace(entry, closure=reduction(frame, rest, entry, gross)))
+        affected.extend(frame.tails.index(tail) for tail in entry.tails)
     if not dictionary:
         return out
     named = gross & np.isin(frame.aircraft, erring)
@@ -237,20 +237,20 @@ def _unseen_in_means(
 
 
 def make_adjustment(fitted: Fitted, effects: Mapping[str, Effect]) -> Adjustment:
-    """What removes the effects other than the deviation from the winds."""
+    """Corrections of the winds for all effects but the deviation."""
     frame = fitted.frame
     sensor, report, reference = np.zeros((3, frame.size, 2))
     names = []
     for k, term in enumerate(fitted.terms):
         name = term.group.name
         if term.group.named and not effects[name].deviates:
-            part = reference if effects[name].scope == "reference" else report
-            part = sensor if is_sensor(term, effects) else part
-            part += fitted.exact.effect(k)
+            target = reference if effects[name].scope == "reference" else report
+            target = sensor if is_sensor(term, effects) else target
+            target += fitted.exact.effect(k)
             names.append(name)
     change = -report
     if sensor.any():
         corrected, _, _ = without_errors(frame, sensor)
-        moved = sensor.any(axis=1)
-        change[moved] += (corrected.residual - frame.residual)[moved]
+        affected = sensor.any(axis=1)
+        change[affected] += (corrected.residual - frame.residual)[affected]
     return Adjustment(frame.report, change, reference, tuple(dict.fromkeys(names)))

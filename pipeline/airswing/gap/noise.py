@@ -155,7 +155,7 @@ def kalman_gains(
         white += (extra_sd / level_factor) ** 2
     # the process starts from its stationary variance at the first report of a flight
     used[index[: order.starts[1]] if n else index] = 0.0
-    phi2, white, kept = used[index] ** 2, white[index], keep[index]  # blocks are then slices
+    phi2, white, valid = used[index] ** 2, white[index], keep[index]  # blocks are then slices
     before, total = np.empty(n), np.empty(n)
     variance = np.zeros(0)
     for first, stop in zip(order.starts[:-1].tolist(), order.starts[1:].tolist(), strict=True):
@@ -166,10 +166,10 @@ def kalman_gains(
             variance = np.full(stop, signal)
         before[now] = variance
         np.add(variance, white[now], out=total[now])
-        variance = variance * (1 - np.where(kept[now], variance / total[now], 0.0))
+        variance = variance * (1 - np.where(valid[now], variance / total[now], 0.0))
     gain, weight = np.zeros(n), np.zeros(n)
-    gain[index] = np.where(kept, before / total, 0.0)
-    weight[index] = np.where(kept, 1 / np.sqrt(total), 0.0)
+    gain[index] = np.where(valid, before / total, 0.0)
+    weight[index] = np.where(valid, 1 / np.sqrt(total), 0.0)
     return Gains(used, gain, weight, 1.0 / level_factor)
 
 
@@ -245,11 +245,11 @@ def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tu
         adjoint_weight = weight**2 + (1 - gain) ** 2 * information
     score *= gains.scale[:, None]
     precision *= gains.scale**2
-    known = (precision > 0) & (gains.weight > 0)
-    errors = np.divide(score, precision[:, None], out=np.zeros_like(score), where=known[:, None])
+    valid = (precision > 0) & (gains.weight > 0)
+    errors = np.divide(score, precision[:, None], out=np.zeros_like(score), where=valid[:, None])
     if gains.direction is not None:
         errors = np.asarray(gains.direction.inverse.scale_reports(errors))
-    return errors, np.where(known, precision, 0.0)
+    return errors, np.where(valid, precision, 0.0)
 
 
 @dataclass(frozen=True)
@@ -316,8 +316,8 @@ def fit_noise(
     level = np.interp(log_pressure, nodes, factors)
     values = smooth / level[:, None]
     extra = np.zeros(level.size) if extra_sd is None else extra_sd / level
-    sides = ((smooth * side)[~gross].sum(axis=1) for side in unit_vectors(frame.heading))
-    across, along = (max(robust_sd(part), 1e-9) for part in sides)
+    sides = ((smooth * unit)[~gross].sum(axis=1) for unit in unit_vectors(frame.heading))
+    across, along = (max(robust_sd(side), 1e-9) for side in sides)
     # errors of the reference are isotropic, those of a compass are across the heading
     if max(along, across) < 1.1 * min(along, across):
         along = across = 1.0
@@ -331,15 +331,15 @@ def fit_noise(
     drawn = np.ones(numbers.size, bool)
     if level.size > most:
         drawn = np.random.default_rng(seed).random(numbers.size) < most / level.size
-    chosen = np.flatnonzero(drawn[np.searchsorted(numbers, frame.flight)])
-    flight, time = frame.flight[chosen], frame.time[chosen]
-    distance, step = distance[chosen], step[chosen]
+    rows = np.flatnonzero(drawn[np.searchsorted(numbers, frame.flight)])
+    flight, time = frame.flight[rows], frame.time[rows]
+    distance, step = distance[rows], step[rows]
     signal, white, length, height = _maximise(
-        values[chosen], flight_order(flight, time), distance, step, ~gross[chosen], extra[chosen]
+        values[rows], flight_order(flight, time), distance, step, ~gross[rows], extra[rows]
     )
     model = NoiseModel(signal, white, length, height, nodes, factors, along, across)
     gains = whitening_gains(model, order, frame, ~gross, extra_sd)
-    counted = np.where(gross[chosen, None], 0.0, values[chosen])
+    counted = np.where(gross[rows, None], 0.0, values[rows])
     measured = _autocovariance(counted, distance, step, flight, time, model)
     return NoiseFit(model, order, gains, *measured, gross)
 
@@ -426,16 +426,16 @@ def gross_errors(residual: Floats, order: FlightOrder) -> Booleans:
         before[now], after[previous] = previous, now
     first = np.where(before >= 0, before, after[np.maximum(after, 0)])
     second = np.where(after >= 0, after, before[np.maximum(before, 0)])
-    known = (first >= 0) & (second >= 0) & (first != second)
+    valid = (first >= 0) & (second >= 0) & (first != second)
     departure = np.zeros((n, 2))
     stack = np.stack([residual, residual[first], residual[second]])
-    departure[known] = (residual - np.median(stack, axis=0))[known]
+    departure[valid] = (residual - np.median(stack, axis=0))[valid]
     # reports that are the median themselves have departure 0 and do not enter the spread
-    sizes = np.abs(departure[known])
+    sizes = np.abs(departure[valid])
     sizes = sizes[sizes > 0]
     # half of the values of a normal distribution are within 0.6745 standard deviations
     spread = np.median(sizes) / 0.6745 if sizes.size else 1.0
-    return np.asarray((np.abs(departure) > 5.0 * spread).any(axis=1) & known)
+    return np.asarray((np.abs(departure) > 5.0 * spread).any(axis=1) & valid)
 
 
 def remove_smooth_effects(
@@ -499,14 +499,12 @@ def _autocovariance(
     model is averaged over them.
     """
     rows = np.lexsort((time, flight))
-    along, climbed = (
-        np.cumsum(np.where(np.isfinite(one), one, 0.0)[rows]) for one in (distance, step)
-    )
+    along, climbed = (np.cumsum(np.where(np.isfinite(x), x, 0.0)[rows]) for x in (distance, step))
     residual, flight = residual[rows], flight[rows]
     # pairs up to thirty reports apart
     lags = [np.flatnonzero(flight[lag:] == flight[:-lag]) for lag in range(1, 31)]
     before = np.concatenate(lags)
-    after = np.concatenate([one + lag for lag, one in enumerate(lags, 1)])
+    after = np.concatenate([first + lag for lag, first in enumerate(lags, 1)])
     gap = along[after] - along[before]
     edges = np.array([0, 10, 25, 50, 75, 100, 150, 200, 300, 400, 600, 900]) * 1e3
     where = np.searchsorted(edges, gap, "right")

@@ -56,13 +56,13 @@ def acceleration_at_reports(
     log_pressure = np.log(pressure)
     out = expected_acceleration(acceleration, log_pressure, phase, flight)
     since = time_since_levelling(time, altitude_from_pressure(pressure), phase, flight)
-    known = np.flatnonzero(np.isfinite(since[:-1]) & np.isfinite(since[1:]))
-    known = known[flight[known] == flight[known + 1]]
-    start, end = since[known], since[known + 1]
+    pairs = np.flatnonzero(np.isfinite(since[:-1]) & np.isfinite(since[1:]))
+    pairs = pairs[flight[pairs] == flight[pairs + 1]]
+    start, end = since[pairs], since[pairs + 1]
     lat, lon = np.radians(latitude), np.radians(longitude)
-    chord = central_angle(lat[known], lon[known], lat[known + 1], lon[known + 1])
+    chord = central_angle(lat[pairs], lon[pairs], lat[pairs + 1], lon[pairs + 1])
     speed = SPHERE_RADIUS * chord / np.maximum(end - start, 1.0)
-    fitted = fit_levelling(start, end, speed, flight[known])
+    fitted = fit_levelling(start, end, speed, flight[pairs])
     if fitted is not None:
         near = since < KNOTS[-1]
         out[near] = np.interp(since[near], KNOTS, fitted)

@@ -192,9 +192,9 @@ class Frame:
         wanted = [tails] if isinstance(tails, str) else list(tails)
         for tail in wanted:
             if tail not in self.tails:
-                known = ", ".join(self.tails[:8]) + " ..." * (len(self.tails) > 8)
+                names = ", ".join(self.tails[:8]) + " ..." * (len(self.tails) > 8)
                 raise InputError(
-                    "unknown aircraft", found=tail, remedy=f"the archive holds {known}"
+                    "unknown aircraft", found=tail, remedy=f"the archive holds {names}"
                 )
         return np.isin(self.aircraft, [self.tails.index(tail) for tail in wanted])
 
@@ -292,14 +292,14 @@ REPORT_FIELDS = tuple(f.name for f in fields(Frame) if f.name not in _CONSTANTS)
 def _read_columns(
     ds: xr.Dataset, reference: str | Sequence[str], meridian: float | None
 ) -> tuple[tuple[str, ...], Columns, Integers]:
-    known = [str(name) for name in np.atleast_1d(ds["reference"].values)]
+    names = [str(name) for name in np.atleast_1d(ds["reference"].values)]
     wanted = [reference] if isinstance(reference, str) else list(reference)
-    if len(wanted) == 1 and wanted[0] not in known:
+    if len(wanted) == 1 and wanted[0] not in names:
         wanted = wanted[0].split("+")
     for name in wanted:
-        if name not in known:
-            raise InputError("unknown reference", found=name, remedy=f"one of {', '.join(known)}")
-    members = [known.index(name) for name in wanted]
+        if name not in names:
+            raise InputError("unknown reference", found=name, remedy=f"one of {', '.join(names)}")
+    members = [names.index(name) for name in wanted]
     ds = ds[[name for name in _VARIABLES if name in ds]].compute()  # one pass over a lazy graph
     tails = tuple(str(name) for name in ds["aircraft"].values)
     values: Columns = {
@@ -361,9 +361,9 @@ def sampled(headings: xr.Dataset, most: int = 150_000) -> xr.Dataset:
     parts = []
     for block, (departure, _) in zip(blocks(headings, _VARIABLES), begun, strict=True):
         day = (departure - ends) // DAY
-        kept = np.floor((day + 1) * days) > np.floor(day * days)
+        used = np.floor((day + 1) * days) > np.floor(day * days)
         hashed = np.asarray(block["flight"].to_numpy(), np.int64) * 2654435761 % 2**32
-        parts.append(some_reports(block, kept & (hashed < share / days * 2**32)))
+        parts.append(some_reports(block, used & (hashed < share / days * 2**32)))
     return joined(parts)
 
 

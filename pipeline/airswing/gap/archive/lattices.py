@@ -44,11 +44,11 @@ class HeadingSteps:
     @classmethod
     def of_archive(cls, frame: Frame) -> HeadingSteps | None:
         """Find the steps of the headings of each aircraft; None where there are none."""
-        found = heading_lattices(frame)
-        if not any(found):
+        lattices = heading_lattices(frame)
+        if not any(lattices):
             return None
-        step = np.radians([lattice.step if lattice else 0.0 for lattice in found])[frame.aircraft]
-        true_north = np.array([bool(lattice and lattice.true_north) for lattice in found])
+        step = np.radians([x.step if x else 0.0 for x in lattices])[frame.aircraft]
+        true_north = np.array([bool(x and x.true_north) for x in lattices])
         north = np.where(true_north[frame.aircraft], 0.0, np.nan_to_num(frame.declination))
         return cls(step, north, frame.ground_u, frame.ground_v)
 
@@ -72,11 +72,11 @@ def heading_lattices(frame: Frame) -> list[HeadingLattice | None]:
         if flight.max(initial=-1) + 1 < 10:  # too few flights for a standard error
             out.append(None)
             continue
-        found = [
+        options = [
             (*_coarsest_step(heading[rows], flight), true_north)
             for true_north, heading in ((False, frame.magnetic_heading), (True, frame.heading))
         ]
-        mean, step, true_north = max(found, key=lambda item: (item[1] > 0.0, *item))
+        mean, step, true_north = max(options, key=lambda item: (item[1] > 0.0, *item))
         # a mean direction has two degrees of freedom (Rayleigh's test)
         lattice = HeadingLattice(step, true_north, float(rows.size * mean**2))
         out.append(lattice if step > 0.0 else None)

@@ -73,10 +73,10 @@ class Variable:
             return np.asarray(np.arange(len(CATEGORIES[self.name]) + 1) - 0.5, np.float64)
         if self.kind == "circular":
             return np.asarray(np.linspace(0.0, self.period, number + 1))
-        known = np.sort(self.values[np.isfinite(self.values)])
-        low, high = float(known[0]), float(known[-1])
+        ordered = np.sort(self.values[np.isfinite(self.values)])
+        low, high = float(ordered[0]), float(ordered[-1])
         width = 0.005 * (high - low)
-        inner = np.unique(np.quantile(known, np.arange(1, number) / number))
+        inner = np.unique(np.quantile(ordered, np.arange(1, number) / number))
         # several quantiles may be at one frequent value: they are one edge
         inner = inner[(inner > low + width) & (inner < high)]
         if inner.size > 1:
@@ -87,7 +87,7 @@ class Variable:
             for share in (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08):
                 if inner.size + 1 >= 0.75 * number:
                     break
-                inner = _edges_upward(known, share / number * known.size, width)
+                inner = _edges_upward(ordered, share / number * ordered.size, width)
         return np.asarray(np.r_[low, inner, high], np.float64)
 
     def cells(self, edges: Floats) -> Integers:
@@ -163,8 +163,8 @@ def record(frame: Frame, quiet: Frame) -> dict[str, Variable]:
     out = {}
     for name, (kind, number) in KINDS.items():
         variable = Variable(name, kind, values_of(frame, quiet, name))
-        known = int(np.isfinite(variable.values).sum())
-        if known == 0 or known < 0.5 * variable.values.size:
+        count = int(np.isfinite(variable.values).sum())
+        if count == 0 or count < 0.5 * variable.values.size:
             continue
         cells = variable.cells(variable.edges(number))
         if (np.bincount(cells[cells >= 0]) >= 30).sum() >= 2:  # thirty reports have a mean

@@ -1,10 +1,10 @@
 """Values that come in coarser steps than a simulation sends: winds, positions, headings, times.
 
-The simulation sends winds in whole degrees and whole knots: coarser is an effect, whoever has it;
-so are headings in steps of two degrees and more. Positions come in tenths of a minute of arc or
-finer and times in seconds; coarser is an effect of an aircraft, unless the whole fleet is alike in
-steps that formats use. A value lies on a coarse lattice by chance in one of (step / base) cases. At
-least 100 reports an aircraft. Steps in knots, degrees and minutes of arc.
+The simulation sends winds in whole degrees and whole knots: coarser steps are an effect, also of a
+whole fleet; so are headings in steps of two degrees and more. Positions come in tenths of a minute
+of arc or finer and times in seconds; coarser steps are an effect of an aircraft, unless they are a
+format that the whole fleet uses. A value lies on a coarse lattice by chance in one of (step / base)
+cases. At least 100 reports an aircraft. Steps in knots, degrees and minutes of arc.
 
 Reductions by simulation extrapolation (Cook and Stefanski 1994, J. Am. Stat. Assoc. 89, 1314-1328).
 """
@@ -32,16 +32,15 @@ from airswing.physics.triangle import direction_in_degrees
 from airswing.units import KNOT
 
 
-def _by_aircraft(frame: Frame, chosen: Booleans | bool = True) -> list[tuple[str, Integers]]:
-    rows = [np.flatnonzero((frame.aircraft == a) & chosen) for a in range(len(frame.tails))]
+def _by_aircraft(frame: Frame, mask: Booleans | bool = True) -> list[tuple[str, Integers]]:
+    rows = [np.flatnonzero((frame.aircraft == a) & mask) for a in range(len(frame.tails))]
     return [(tail, index) for tail, index in zip(frame.tails, rows, strict=True) if index.size > 99]
 
 
 def _on_lattice(values: Floats, step: float, *, base: float) -> tuple[float, float]:
     """Share of values on a lattice, and its expectation by chance."""
     offset = np.abs(values - step * np.round(values / step))
-    # under half the finest coding: what is rounded to it lies on the lattice or a whole one
-    # next to it
+    # under half the finest coding: values rounded to it lie on the lattice or one step from it
     tolerance = min(0.25 * base, 0.05 * step)
     return float((offset <= tolerance).mean()), min(0.98, max(base, 2 * tolerance) / step)
 
@@ -100,8 +99,8 @@ def wind_coding(frame: Frame) -> EffectEntry | None:
 
 def _usual(values: Floats, frequent: int) -> Booleans:
     """Reports (n,) but for those of the most frequent whole values."""
-    whole, number, count = np.unique(np.round(values), return_inverse=True, return_counts=True)
-    if whole.size <= 2 * frequent:
+    rounded, number, count = np.unique(np.round(values), return_inverse=True, return_counts=True)
+    if rounded.size <= 2 * frequent:
         return np.ones(values.size, bool)
     return ~np.isin(number, np.argsort(-count, kind="stable")[:frequent])
 
@@ -112,32 +111,32 @@ def position_coding(frame: Frame) -> EffectEntry | None:
     evidence: dict[str, float] = {}
     steps = []
     for tail, index in _by_aircraft(frame):
-        found = [
+        coarse = [
             coarsest(60.0 * values[index], (0.5, 0.6, 1.0, 2.0, 3.0, 5.0, 6.0, 10.0), base=0.1)[0]
             for values in (frame.latitude, frame.longitude)
         ]
-        steps.append(min(found))
+        steps.append(min(coarse))
         # tenths of an arc minute are how positions come
-        if min(found) > 0.1:
-            per_tail[tail] = {"step": min(found)}
-            on, chance = _on_lattice(60.0 * frame.latitude[index], min(found), base=0.1)
+        if min(coarse) > 0.1:
+            per_tail[tail] = {"step": min(coarse)}
+            on, chance = _on_lattice(60.0 * frame.latitude[index], min(coarse), base=0.1)
             evidence[tail] = against_chance(index.size, on, chance)
     common = float(np.median(steps)) if steps else 0.1
     if common < 1.0:
-        # what all send in is their format and no effect
+        # a step of the whole fleet is its format and no effect
         per_tail = {t: v for t, v in per_tail.items() if number(v["step"]) > 1.2 * common}
-    found = [evidence[tail] for tail in per_tail]
-    return effect_of("position_coding", per_tail, found) if per_tail else None
+    gains = [evidence[tail] for tail in per_tail]
+    return effect_of("position_coding", per_tail, gains) if per_tail else None
 
 
 def heading_coding(frame: Frame) -> EffectEntry | None:
     """Find aircraft whose headings come in coarse steps."""
     per_tail: dict[str, Stated] = {}
     evidence = []
-    for tail, found in zip(frame.tails, heading_lattices(frame), strict=True):
-        if found is not None:
-            per_tail[tail] = {"step_deg": found.step, "true_north": found.true_north or None}
-            evidence.append(found.evidence)
+    for tail, lattice in zip(frame.tails, heading_lattices(frame), strict=True):
+        if lattice is not None:
+            per_tail[tail] = {"step_deg": lattice.step, "true_north": lattice.true_north or None}
+            evidence.append(lattice.evidence)
     return effect_of("heading_coding", per_tail, evidence) if per_tail else None
 
 
@@ -149,11 +148,11 @@ def whole_minutes(frame: Frame) -> EffectEntry | None:
     for tail, index in aircraft:
         seconds = np.mod(frame.time[index], 60.0)
         # half a second: times come in whole ones
-        whole = float((np.minimum(seconds, 60 - seconds) < 0.5).mean())
+        share = float((np.minimum(seconds, 60 - seconds) < 0.5).mean())
         # nearly all: a time that is whole by chance is one in sixty
-        if whole > 0.95:
+        if share > 0.95:
             cut[tail] = {"offset_s": -30.0}  # seconds cut off are thirty in the mean
-            evidence.append(against_chance(seconds.size, whole, 1 / 60))
+            evidence.append(against_chance(seconds.size, share, 1 / 60))
     if not cut or len(cut) == len(aircraft):
         return None
     return effect_of("time_lag", cut, evidence)
@@ -171,24 +170,24 @@ def _change_time(values: Floats, step: float, time: Floats) -> float:
 def coded_effects(frame: Frame) -> list[EffectEntry]:
     """All effects of coding in an archive."""
     tests = (wind_coding, position_coding, heading_coding, whole_minutes)
-    return [found for test in tests if (found := test(frame)) is not None]
+    return [entry for test in tests if (entry := test(frame)) is not None]
 
 
 def reduction_of_coding(
-    frame: Frame, residual: Floats, found: EffectEntry, gross: Booleans
+    frame: Frame, residual: Floats, entry: EffectEntry, gross: Booleans
 ) -> ClosesEntry:
     """How far the disagreement shrinks without coarse coding.
 
     ``residual`` (n, 2) is without the effects that move means, ``gross`` marks gross errors.
     """
-    per_tail = {tail: one.parameters for tail, one in (found.per_tail or {}).items()}
-    affected = frame.aircraft_mask(found.tails) & ~gross
-    if found.name == "wind_coding":
+    per_tail = {tail: row.parameters for tail, row in (entry.per_tail or {}).items()}
+    affected = frame.aircraft_mask(entry.tails) & ~gross
+    if entry.name == "wind_coding":
         steps = np.zeros((2, len(frame.tails)))
         for tail, values in per_tail.items():
-            each = number(values["step"]), number(values.get("direction_step_deg", 1.0))
-            # what finer coding leaves is no part of it
-            steps[:, frame.tails.index(tail)] = [np.sqrt(max(x**2 - 1.0, 0.0)) for x in each]
+            widths = number(values["step"]), number(values.get("direction_step_deg", 1.0))
+            # the error of the usual coding is no part of it
+            steps[:, frame.tails.index(tail)] = [np.sqrt(max(x**2 - 1.0, 0.0)) for x in widths]
         owner = frame.aircraft[affected]
         wind = np.stack([frame.u_rep, frame.v_rep], -1)[affected]
         speed = np.hypot(*wind.T)
@@ -205,18 +204,18 @@ def reduction_of_coding(
             rows = rows + (errors[0][:, None] * along + errors[1][:, None] * across)
             length.append(np.hypot(*rows.T))
         return mean_reduction(3.0 * length[1] - 2.0 * length[0] - length[2], affected)
-    if found.name != "heading_coding":
+    if entry.name != "heading_coding":
         return closes(0.0, 0.0)
     # across the heading V^2 step^2 / 12 of the mean square would be missing
     right, _ = unit_vectors(frame.heading)
     error = (residual * right).sum(axis=1)
     longer = np.zeros(frame.size)
     for tail, values in per_tail.items():
-        chosen = affected & frame.aircraft_mask(tail)
-        rounding = float((frame.airspeed[chosen] ** 2).mean()) * (
+        used = affected & frame.aircraft_mask(tail)
+        rounding = float((frame.airspeed[used] ** 2).mean()) * (
             np.radians(number(values["step_deg"])) ** 2 / 12
         )
-        left = max(1 - rounding / float((error[chosen] ** 2).mean()), LEAST_LEFT)
-        without = residual[chosen] - (error[chosen] * (1 - np.sqrt(left)))[:, None] * right[chosen]
-        longer[chosen] = np.hypot(*residual[chosen].T) - np.hypot(*without.T)
+        share = max(1 - rounding / float((error[used] ** 2).mean()), LEAST_LEFT)
+        without = residual[used] - (error[used] * (1 - np.sqrt(share)))[:, None] * right[used]
+        longer[used] = np.hypot(*residual[used].T) - np.hypot(*without.T)
     return mean_reduction(longer[affected], affected)

@@ -73,18 +73,18 @@ def place_of(
     curve: CurveEntry,
     closure: ClosesEntry,
 ) -> PlaceEntry:
-    """Entry of something without a name on some aircraft, with its log posterior odds.
+    """Entry of an effect without a name on some aircraft, with its log posterior odds.
 
     Three quarters of the aircraft are taken for the whole fleet: a cell may be met by few.
     """
-    whole = len(affected) >= 0.75 * len(tails)
+    fleet = len(affected) >= 0.75 * len(tails)
     return PlaceEntry(
         component=component,
         variable=variable,
         variables=[variable],
         group=f"{variable}|{component}",
-        tails=[] if whole else [tails[a] for a in affected],
-        scope="fleet" if whole else "aircraft",
+        tails=[] if fleet else [tails[a] for a in affected],
+        scope="fleet" if fleet else "aircraft",
         evidence_nats=round(evidence, 2),
         size_m_s=size,
         curve=curve,

@@ -37,8 +37,8 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
     affected = np.flatnonzero(used)[gain > 0]
     if affected.size == 0 or rate < 0.002:  # 0.1 kt at the usual size
         return None
-    # standard deviation per component; at least 5 m/s: gross is what differs by five standard
-    # deviations of about 1 m/s
+    # standard deviation per component; at least 5 m/s: gross errors differ from their neighbours by
+    # five standard deviations of about 1 m/s
     values = residual[noise.gross & np.isin(frame.aircraft, affected)]
     ordinary = robust_sd(residual, 0.0)
     size = float(np.sqrt(max(float(np.mean(values**2)) - ordinary**2, 25.0)))
@@ -52,12 +52,12 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
     seen = 1.0 - min(inside, 0.6) ** 2
     counting = (rate + chance[affected]) / count[affected]
     # shrunk to the common rate by the ratio of counting errors to their scatter
-    apart = hits[affected] / count[affected] - chance[affected] - rate
-    spread = max(float(np.mean(apart**2 - counting)), 0.0)
-    rates = rate + apart * spread / (spread + counting)
+    difference = hits[affected] / count[affected] - chance[affected] - rate
+    spread = max(float(np.mean(difference**2 - counting)), 0.0)
+    rates = rate + difference * spread / (spread + counting)
     per_tail: dict[str, Stated] = {
-        frame.tails[a]: {"fraction": float(max(one, 0.0) / seen), "size_m_s": size}
-        for a, one in zip(affected, rates, strict=True)
+        frame.tails[a]: {"fraction": float(max(share, 0.0) / seen), "size_m_s": size}
+        for a, share in zip(affected, rates, strict=True)
     }
     error = float(np.sqrt(np.median(counting))) / seen
     evidence = [float(gain[gain > 0].sum())]
@@ -78,8 +78,8 @@ def simulated_rate(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> Floats:
     for _ in range(draws):
         error = draw_noise(frame, noise.model, rng=rng)
         u, v = coding.apply(frame.u_ref + error[:, 0], frame.v_ref + error[:, 1])
-        made = gross_errors(np.stack([u - frame.u_ref, v - frame.v_ref], -1), noise.order)
-        hits += np.bincount(frame.aircraft, made, minlength=fleet) / draws
+        marked = gross_errors(np.stack([u - frame.u_ref, v - frame.v_ref], -1), noise.order)
+        hits += np.bincount(frame.aircraft, marked, minlength=fleet) / draws
     count = np.maximum(np.bincount(frame.aircraft, minlength=fleet), 1)
     jumping = np.zeros(fleet, bool)
     if coding.headings is not None:
@@ -100,8 +100,8 @@ def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Flo
     def gain(rate: float) -> Floats:
         return np.asarray(hits * np.log1p(rate / chance) - count * rate)
 
-    each = [against_chance(int(n), h / n, q) for h, n, q in zip(hits, count, chance, strict=True)]
-    first = int(np.argmax(each))
+    ratios = [against_chance(int(n), h / n, q) for h, n, q in zip(hits, count, chance, strict=True)]
+    first = int(np.argmax(ratios))
     rate = float(max(hits[first] / count[first] - chance[first], 0.0))
     # expectation maximisation of one rate settles within a dozen rounds
     for _ in range(30):
@@ -112,20 +112,20 @@ def shared_rate(hits: Floats, count: Floats, chance: Floats) -> tuple[float, Flo
 
 
 def reduction_of_gross(
-    frame: Frame, residual: Floats, found: EffectEntry, gross: Booleans
+    frame: Frame, residual: Floats, entry: EffectEntry, gross: Booleans
 ) -> ClosesEntry:
     """Closure of gross errors: the length that normal errors of their size add to other reports."""
     rng = np.random.default_rng(0)
     total, doubt = 0.0, 0.0
-    for tail, one in (found.per_tail or {}).items():
-        whose = frame.aircraft_mask(tail)
-        values = residual[whose & ~gross]
+    for tail, row in (entry.per_tail or {}).items():
+        mask = frame.aircraft_mask(tail)
+        values = residual[mask & ~gross]
         if values.size == 0:
             continue
-        size, fraction = (number(one.parameters[name]) for name in ("size_m_s", "fraction"))
+        size, fraction = (number(row.parameters[name]) for name in ("size_m_s", "fraction"))
         error = size * rng.standard_normal(values.shape)
         longer = float((np.hypot(*(values + error).T) - np.hypot(*values.T)).mean())
-        count = float(whose.sum())
+        count = float(mask.sum())
         total += count * fraction * longer
         doubt += (count * longer) ** 2 * fraction / count
     kt = total / frame.size / KNOT

@@ -46,10 +46,10 @@ def log_squares(residual: Floats, noise: NoiseFit) -> tuple[Floats, Floats]:
     """Log squared interpolation error over its expectation, and that, (n,); NaN where masked."""
     errors, precision = interpolation_errors(residual, noise.order, noise.gains)
     square = 0.5 * (errors**2).sum(axis=1) * precision
-    known = (precision > 0) & (square > 0)
-    unknown = np.full((2, known.size), np.nan)
-    logs = np.log(square, out=unknown[0], where=known)
-    return logs, np.divide(1.0, precision, out=unknown[1], where=known)
+    valid = (precision > 0) & (square > 0)
+    unknown = np.full((2, valid.size), np.nan)
+    logs = np.log(square, out=unknown[0], where=valid)
+    return logs, np.divide(1.0, precision, out=unknown[1], where=valid)
 
 
 def excess_log_squares(
@@ -65,8 +65,8 @@ def excess_log_squares(
     for _ in range(DRAWS):
         error = draw_noise(context, noise.model, rng=rng)
         u, v = coding.apply(frame.u_ref + error[:, 0], frame.v_ref + error[:, 1])
-        made, _ = log_squares(np.stack([u - frame.u_ref, v - frame.v_ref], -1), noise)
-        total += np.where(np.isfinite(made), made, 0.0) / DRAWS
+        simulated, _ = log_squares(np.stack([u - frame.u_ref, v - frame.v_ref], -1), noise)
+        total += np.where(np.isfinite(simulated), simulated, 0.0) / DRAWS
     return real - total, variance
 
 
@@ -87,16 +87,16 @@ def find_scatter(
     frame, variables = fitted.frame, fitted.model.sums.candidates.variables
     y, variance = excess_log_squares(frame, fitted.context, residual, fitted.noise, named, seed)
     y[np.isin(frame.aircraft, list(without))] = np.nan
-    known = np.isfinite(y)
-    if known.sum() < LEAST_REPORTS * 5:
+    valid = np.isfinite(y)
+    if valid.sum() < LEAST_REPORTS * 5:
         return None
     days, day, _ = days_of(frame)
-    y = y - _in_turns(frame, y, known)
+    y = y - _mean_by_bank(frame, y, valid)
     best: tuple[float, str, ScopeEvidence] | None = None
     number = 2 * max(len(variables), 1)
     for name, variable in variables.items():
         curve = curve_of(name, variable.values)
-        use = known & np.isfinite(variable.values)
+        use = valid & np.isfinite(variable.values)
         if use.sum() < LEAST_REPORTS or (name != "magnetic_heading" and curve.knots.size < 2):
             continue
         functions = curve.functions(variable.values)
@@ -104,22 +104,22 @@ def find_scatter(
         factor = max(1.0, float(np.mean(statistics.factor)))
         scales = np.array([0.3, 0.6, 1.2])  # of log variance, of an effect
         by_scope = static_evidence(statistics, factor, "af", scales=scales, usual=NATURAL)
-        for found in by_scope.values():
-            score = found.evidence - np.log(number)
-            if found.tails and score > GATE and (best is None or score > best[0]):
-                best = score, name, found
+        for candidate in by_scope.values():
+            score = candidate.evidence - np.log(number)
+            if candidate.tails and score > GATE and (best is None or score > best[0]):
+                best = score, name, candidate
     if best is None:
         return _by_aircraft(frame, y, variance, residual, gross)
-    score, name, found = best
-    return _by_variable(frame, y, variance, residual, gross, variables[name], found, score)
+    score, name, candidate = best
+    return _by_variable(frame, y, variance, residual, gross, variables[name], candidate, score)
 
 
-def _in_turns(frame: Frame, y: Floats, known: Booleans) -> Floats:
+def _mean_by_bank(frame: Frame, y: Floats, valid: Booleans) -> Floats:
     bank = np.abs(np.degrees(np.nan_to_num(frame.bank)))
-    edges = np.unique(np.quantile(bank[known], np.linspace(0, 1, 13)[1:-1]))
+    edges = np.unique(np.quantile(bank[valid], np.linspace(0, 1, 13)[1:-1]))
     cell = np.searchsorted(edges, bank)
-    count = np.bincount(cell[known], minlength=edges.size + 1)
-    total = np.bincount(cell[known], y[known], minlength=edges.size + 1)
+    count = np.bincount(cell[valid], minlength=edges.size + 1)
+    total = np.bincount(cell[valid], y[valid], minlength=edges.size + 1)
     return np.asarray((total / np.maximum(count, 1))[cell])
 
 
@@ -147,10 +147,10 @@ def _statistics(
         order = np.argsort(day[index], kind="stable")
         cuts = np.searchsorted(day[index][order], np.arange(days + 1))
         for d in range(days):
-            part = order[cuts[d] : cuts[d + 1]]
-            if part.size:
-                score[a, d] = rows[part].T @ centred[part] / LOG_VARIANCE
-                gram[a, d] = rows[part].T @ rows[part] / LOG_VARIANCE
+            on_day = order[cuts[d] : cuts[d + 1]]
+            if on_day.size:
+                score[a, d] = rows[on_day].T @ centred[on_day] / LOG_VARIANCE
+                gram[a, d] = rows[on_day].T @ rows[on_day] / LOG_VARIANCE
     return replace(noise_factor(score, gram), lasting=NATURAL**2)
 
 
@@ -161,16 +161,16 @@ def _by_variable(
     residual: Floats,
     gross: Booleans,
     variable: Variable,
-    found: ScopeEvidence,
+    candidate: ScopeEvidence,
     evidence: float,
 ) -> PlaceEntry | None:
     """Excess over the quietest third of the cells, in m/s."""
     edges = variable.edges(24 if KINDS[variable.name][0] != "category" else 3)
-    chosen = np.isin(frame.aircraft, found.tails) & np.isfinite(y)
+    selected = np.isin(frame.aircraft, candidate.tails) & np.isfinite(y)
     cell = variable.cells(edges)
-    chosen &= cell >= 0
-    count = np.bincount(cell[chosen], minlength=edges.size - 1)
-    mean = np.bincount(cell[chosen], y[chosen], minlength=edges.size - 1) / np.maximum(count, 1)
+    selected &= cell >= 0
+    count = np.bincount(cell[selected], minlength=edges.size - 1)
+    mean = np.bincount(cell[selected], y[selected], minlength=edges.size - 1) / np.maximum(count, 1)
     used = np.flatnonzero(count >= 30)
     if used.size < 2:
         return None
@@ -178,10 +178,10 @@ def _by_variable(
     above = np.where(count >= 30, np.maximum(mean - quiet, 0.0), 0.0)
     error = np.sqrt(LOG_VARIANCE / np.maximum(count, 1))
     above[above < np.maximum(2 * error, 0.2 * above.max())] = 0.0
-    total = np.bincount(cell[chosen], variance[chosen], minlength=edges.size - 1)
+    total = np.bincount(cell[selected], variance[selected], minlength=edges.size - 1)
     typical = total / np.maximum(count, 1)
     values = np.sqrt(np.expm1(np.minimum(above, 5.0)) * np.exp(max(quiet, 0.0)) * typical)
-    inside = np.isin(frame.aircraft, found.tails) & (cell >= 0)
+    inside = np.isin(frame.aircraft, candidate.tails) & (cell >= 0)
     sizes = np.where(inside, values[np.maximum(cell, 0)], 0.0)
     if not sizes.any():
         return None
@@ -194,15 +194,15 @@ def _by_variable(
         edges=[edges.tolist()],
         values=values.tolist(),
     )
-    return _place(frame, residual, gross, variable.name, found.tails, evidence, sizes, curve)
+    return _place(frame, residual, gross, variable.name, candidate.tails, evidence, sizes, curve)
 
 
 def _by_aircraft(
     frame: Frame, y: Floats, variance: Floats, residual: Floats, gross: Booleans
 ) -> PlaceEntry | None:
-    known = np.isfinite(y)
-    count = np.bincount(frame.aircraft[known], minlength=len(frame.tails))
-    total = np.bincount(frame.aircraft[known], y[known], minlength=len(frame.tails))
+    valid = np.isfinite(y)
+    count = np.bincount(frame.aircraft[valid], minlength=len(frame.tails))
+    total = np.bincount(frame.aircraft[valid], y[valid], minlength=len(frame.tails))
     used = np.flatnonzero(count >= LEAST_REPORTS)
     if used.size < 5:  # too few for a usual spread
         return None
@@ -215,8 +215,8 @@ def _by_aircraft(
         return None
     size = np.zeros(len(frame.tails))
     for a, excess in zip(used[high], 2 * ratio[high], strict=True):
-        chosen = known & (frame.aircraft == a)
-        size[a] = np.sqrt(np.expm1(min(excess, 5.0)) * float(variance[chosen].mean()))
+        reports = valid & (frame.aircraft == a)
+        size[a] = np.sqrt(np.expm1(min(excess, 5.0)) * float(variance[reports].mean()))
     tails = tuple(int(a) for a in used[high])
     best = float(evidence[high].max())
     curve = CurveEntry([frame.tails[a] for a in tails], size[list(tails)].tolist())
@@ -241,9 +241,9 @@ def _place(
     affected = (sizes > 0) & ~gross
     longer = np.zeros(frame.size)
     for size in np.unique(sizes[affected]):
-        chosen = affected & (sizes == size)
-        share = 2 * size**2 / float((residual[chosen] ** 2).sum(axis=1).mean())
-        longer[chosen] = np.hypot(*residual[chosen].T) * (1 - np.sqrt(max(1 - share, LEAST_LEFT)))
+        reports = affected & (sizes == size)
+        share = 2 * size**2 / float((residual[reports] ** 2).sum(axis=1).mean())
+        longer[reports] = np.hypot(*residual[reports].T) * (1 - np.sqrt(max(1 - share, LEAST_LEFT)))
     closure = mean_reduction(longer[affected], affected)
     size = float(np.median([value for value in curve.m_s if value > 0]))
     return place_of("scatter", variable, tails, frame.tails, evidence, size, curve, closure)

@@ -3,9 +3,9 @@
 Counts of reported speeds (classes of 2 kt) and directions (10 degrees) are compared with those of
 simulated reports: the reference wind plus the residual of another report of the same level, coded
 alike. A smooth ratio of the two is the weather's; a cell that differs from its neighbours is the
-unit's. The day is the unit of scatter. What the unit sends in place of each speed is the monotone
-map between the quantiles of simulated and reported speeds; the closure is what the map adds to the
-disagreement of simulated reports.
+unit's. The day is the unit of scatter. The speed that the unit sends in place of each speed is the
+monotone map between the quantiles of simulated and reported speeds; the closure is the
+disagreement that the map adds to simulated reports.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def simulated_winds(frame: Frame, residual: Floats, rng: np.random.Generator) ->
     return np.stack([u, v], -1)
 
 
-def _cells(wind: Floats, top: int) -> dict[str, Integers]:
+def _classes(wind: Floats, top: int) -> dict[str, Integers]:
     speed = np.hypot(*wind.T) / KNOT
     direction = np.mod(np.degrees(np.arctan2(-wind[:, 0], -wind[:, 1])), 360.0)
     return {
@@ -54,7 +54,7 @@ def contrasts(real: Floats, simulated: Floats, periodic: bool) -> tuple[Floats, 
     """Contrast of each cell with a smooth ratio: z by day, and the log ratio; (D, k) counts."""
     total, expected = real.sum(axis=0), simulated.sum(axis=0)
     k = total.size
-    used = expected > 50.0  # fewer say nothing
+    used = expected > 50.0  # fewer are too uncertain
     x = np.arange(k)
     if periodic:
         waves = [f(2 * np.pi * j * x / k) for j in (1, 2, 3) for f in (np.sin, np.cos)]
@@ -63,16 +63,16 @@ def contrasts(real: Floats, simulated: Floats, periodic: bool) -> tuple[Floats, 
         design = np.polynomial.legendre.legvander(2 * x / max(k - 1, 1) - 1, min(6, k - 1))
     ratio = np.log((total + 1) / (expected + 1))
     weight = np.sqrt(np.where(used, expected, 0.0))
-    apart = ratio
+    contrast = ratio
     for _ in range(8):  # cells far off must not bend the smooth ratio
         smooth = design @ np.linalg.lstsq(design * weight[:, None], ratio * weight, rcond=None)[0]
-        apart = ratio - smooth
-        spread = 1.48 * np.median(np.abs(apart[used])) + 1e-3 if used.any() else 1.0
+        contrast = ratio - smooth
+        spread = 1.48 * np.median(np.abs(contrast[used])) + 1e-3 if used.any() else 1.0
         weight = np.sqrt(np.where(used, expected, 0.0))
-        weight = weight * np.minimum(1, 2 * spread / np.maximum(np.abs(apart), 1e-9))
+        weight = weight * np.minimum(1, 2 * spread / np.maximum(np.abs(contrast), 1e-9))
     differences = real - simulated * np.exp(np.clip(smooth, -5.0, 5.0))
     z = differences.sum(axis=0) / np.sqrt((differences**2).sum(axis=0) + 1)
-    return np.where(used, z, 0.0), np.where(used, apart, 0.0)
+    return np.where(used, z, 0.0), np.where(used, contrast, 0.0)
 
 
 def find_sent_winds(
@@ -88,30 +88,30 @@ def find_sent_winds(
     use = ~np.isin(frame.aircraft, list(without)) & ~gross
     if days.size < 7 or use.sum() < 2000:
         return None  # the scatter between days is not known
-    # reports as they are, without what moves means
+    # real reports as they are, simulated ones without the effects on means
     real = np.stack([frame.u_rep, frame.v_rep], -1)
     drawn = [simulated_winds(frame, residual, rng) for _ in range(6)]
     top = int(np.quantile(np.hypot(*real.T) / KNOT, 0.95)) // 2 + 1
-    cells = [_cells(wind, top) for wind in (real, *drawn)]
+    cells = [_classes(wind, top) for wind in (real, *drawn)]
     best: tuple[float, str, int, int] | None = None
     number, aircraft = days.size, len(frame.tails)
     counted: dict[str, tuple[Floats, Floats]] = {}
     for name, size in (("wind_speed", top + 1), ("wind_direction", 36)):
         key = (frame.aircraft * number + day) * size
         counts = [
-            np.bincount(key[use] + one[name][use], minlength=aircraft * number * size)
+            np.bincount(key[use] + cell[name][use], minlength=aircraft * number * size)
             .reshape(aircraft, number, size)
             .astype(float)
-            for one in cells
+            for cell in cells
         ]
-        actual, made = counts[0], np.mean(counts[1:], axis=0)
+        actual, simulated = counts[0], np.mean(counts[1:], axis=0)
         if name == "wind_speed":  # calm and the open class at the end have no neighbours
-            actual, made = actual[:, :, 1:-1], made[:, :, 1:-1]
-        counted[name] = actual, made
+            actual, simulated = actual[:, :, 1:-1], simulated[:, :, 1:-1]
+        counted[name] = actual, simulated
         for a in (-1, *range(aircraft)):
-            one, other = (x.sum(axis=0) if a < 0 else x[a] for x in (actual, made))
-            z, apart = contrasts(one, other, name == "wind_direction")
-            z = np.where(np.abs(apart) > LEAST_CONTRAST, z, 0.0)
+            total, expected = (x.sum(axis=0) if a < 0 else x[a] for x in (actual, simulated))
+            z, contrast = contrasts(total, expected, name == "wind_direction")
+            z = np.where(np.abs(contrast) > LEAST_CONTRAST, z, 0.0)
             # a sum over D days has tails of Student's law
             evidence = 0.5 * number * np.log1p(z**2 / number)
             k = int(np.argmax(evidence))
@@ -123,9 +123,9 @@ def find_sent_winds(
         return None
     score, name, k, a = best
     tails = _aircraft_of(*counted[name], k, name == "wind_direction", a)
-    whole = np.isin(frame.aircraft, tails) & use
-    speeds, sent = _speed_map(real, drawn, whole)
-    count = [np.bincount(one["wind_direction"][whole], minlength=36) for one in cells]
+    rows = np.isin(frame.aircraft, tails) & use
+    speeds, sent = _speed_map(real, drawn, rows)
+    count = [np.bincount(cell["wind_direction"][rows], minlength=36) for cell in cells]
     directions = count[0] / np.maximum(np.mean(count[1:], axis=0), 1.0) - 1.0
     component, rms = "reported_direction", 0.0
     closure = closes(0.0, 0.0)
@@ -134,7 +134,7 @@ def find_sent_winds(
     if name == "wind_speed" and (speeds != sent).any():
         component = "reported_speed"
         rms = float(np.sqrt(np.mean((sent - speeds) ** 2)))
-        closure = _closure(frame, drawn, whole, speeds, sent, day)
+        closure = _closure(frame, drawn, rows, speeds, sent, day)
         curve = CurveEntry(
             [f"{speed:.3g}" for speed in speeds],
             sent.tolist(),
@@ -146,19 +146,19 @@ def find_sent_winds(
         )
     place = place_of(component, name, tails, frame.tails, score, rms, curve, closure)
     place = replace(place, settled_by="the unit's winds before coding and those it sends")
-    grid = direction_lattice(*real[whole].T) if name == "wind_direction" else None
+    grid = direction_lattice(*real[rows].T) if name == "wind_direction" else None
     if grid is not None:
         place = replace(place, steps=StepsEntry(grid.step, grid.below / KNOT, grid.share))
     return place, tails
 
 
 def _aircraft_of(
-    real: Floats, made: Floats, cell: int, periodic: bool, first: int
+    real: Floats, simulated: Floats, cell: int, periodic: bool, first: int
 ) -> tuple[int, ...]:
     signs = np.zeros(real.shape[0])
     for a in range(real.shape[0]):
-        z, apart = contrasts(real[a], made[a], periodic)
-        signs[a] = z[cell] * min(1.0, abs(apart[cell]) / LEAST_CONTRAST)
+        z, contrast = contrasts(real[a], simulated[a], periodic)
+        signs[a] = z[cell] * min(1.0, abs(contrast[cell]) / LEAST_CONTRAST)
     top = first if first >= 0 else int(np.argmax(np.abs(signs)))
     # two standard errors, and the sign of the clearest
     has = np.sign(signs) == np.sign(signs[top])
@@ -167,12 +167,12 @@ def _aircraft_of(
     return tuple(int(a) for a in np.flatnonzero(has))
 
 
-def _speed_map(real: Floats, drawn: list[Floats], whole: Booleans) -> tuple[Floats, Floats]:
+def _speed_map(real: Floats, drawn: list[Floats], rows: Booleans) -> tuple[Floats, Floats]:
     """Speeds and the speeds that are reported instead, (m,) each, m/s."""
     levels = (np.arange(80) + 0.5) / 80
-    made = np.stack([np.quantile(np.hypot(*wind[whole].T), levels) for wind in drawn])
-    speeds = made.mean(axis=0)
-    sent = np.quantile(np.hypot(*real[whole].T), levels)
+    simulated = np.stack([np.quantile(np.hypot(*wind[rows].T), levels) for wind in drawn])
+    speeds = simulated.mean(axis=0)
+    sent = np.quantile(np.hypot(*real[rows].T), levels)
     same = np.abs(sent - speeds) < KNOT  # the step of a knot in which winds are coded
     sent = np.maximum.accumulate(np.where(same, speeds, sent))
     speeds = np.maximum.accumulate(speeds + 1e-6 * np.arange(levels.size))
@@ -180,7 +180,7 @@ def _speed_map(real: Floats, drawn: list[Floats], whole: Booleans) -> tuple[Floa
 
 
 def _closure(
-    frame: Frame, drawn: list[Floats], whole: Booleans, speeds: Floats, sent: Floats, day: Integers
+    frame: Frame, drawn: list[Floats], rows: Booleans, speeds: Floats, sent: Floats, day: Integers
 ) -> ClosesEntry:
     reference = np.stack([frame.u_ref, frame.v_ref], -1)
     added = np.zeros(frame.size)
@@ -188,7 +188,7 @@ def _closure(
         speed = np.hypot(*wind.T)
         scale = mapped_speed(speed, speeds, sent) / np.maximum(speed, 1e-6)
         after = np.hypot(*(scale[:, None] * wind - reference).T)
-        longer = np.where(whole, after - np.hypot(*(wind - reference).T), 0.0)
+        longer = np.where(rows, after - np.hypot(*(wind - reference).T), 0.0)
         added += longer / len(drawn) / KNOT
     by_day, count = np.bincount(day, added), np.bincount(day)
     value = float(added.mean())

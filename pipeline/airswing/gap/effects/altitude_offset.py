@@ -10,7 +10,6 @@ from airswing.gap.effects.base import (
     Parameter,
     ProportionalEffect,
     WindEffect,
-    known,
     log_pressure_lapse,
 )
 from airswing.synthetic.sealed.draws import Draw, Signed
@@ -47,7 +46,7 @@ class AltitudeOffset(ProportionalEffect, WindEffect):
 
     def columns(self, frame: Frame) -> Floats:
         shear = np.stack([frame.dudlnp, frame.dvdlnp], axis=-1)
-        return known(shear * log_pressure_lapse(frame)[:, None])[None]
+        return np.nan_to_num(shear * log_pressure_lapse(frame)[:, None])[None]
 
 
 EFFECT = AltitudeOffset()

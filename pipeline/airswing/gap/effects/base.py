@@ -199,18 +199,18 @@ class Effect(ABC):
 
     def complete(self, values: Mapping[str, object]) -> Parameters:
         """Complete parameters by their defaults; InputError for an unknown or absent one."""
-        known = {parameter.name: parameter for parameter in self.parameters}
+        by_name = {parameter.name: parameter for parameter in self.parameters}
         for name in values:
-            if name not in known:
+            if name not in by_name:
                 raise InputError(
                     f"effect {self.name} has no parameter {name}",
                     field=name,
-                    remedy=f"it takes {', '.join(known)}",
+                    remedy=f"it takes {', '.join(by_name)}",
                 )
-        for name, parameter in known.items():
+        for name, parameter in by_name.items():
             if parameter.required and values.get(name) is None:
                 raise InputError(f"effect {self.name} needs a value of {name}", field=name)
-        return {name: parameter.default for name, parameter in known.items()} | dict(values)
+        return {name: parameter.default for name, parameter in by_name.items()} | dict(values)
 
 
 # ------------------------------------------------------------------------------ common forms
@@ -291,12 +291,12 @@ class HeadingEffect(Effect):
 
     def error(self, frame: Frame, values: Parameters) -> Floats:
         """Heading error at the indicated magnetic heading, (n,) rad."""
-        return np.asarray(self.from_parameters(values, frame) @ known(self.basis(frame)))
+        return np.asarray(self.from_parameters(values, frame) @ np.nan_to_num(self.basis(frame)))
 
     def columns(self, frame: Frame) -> Floats:
         right, _ = unit_vectors(frame.heading)
         derivative = -frame.airspeed[:, None] * right
-        return np.asarray(known(self.basis(frame))[:, :, None] * derivative)
+        return np.asarray(np.nan_to_num(self.basis(frame))[:, :, None] * derivative)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         return replace(state, heading_error=state.heading_error + self.error(frame, values))
@@ -360,11 +360,6 @@ class OffsetAndCycle(CycleEffect):
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
         offset = np.radians(number(self.complete(values)["offset_deg"]))
         return np.array([offset, *super().from_parameters(values, frame)])
-
-
-def known(values: Floats) -> Floats:
-    """Replace unknown values by 0."""
-    return np.where(np.isfinite(values), values, 0.0)
 
 
 def log_pressure_lapse(frame: Frame) -> Floats:

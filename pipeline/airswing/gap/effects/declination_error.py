@@ -21,7 +21,6 @@ from airswing.gap.effects.base import (
     Parameter,
     Parameters,
     Stated,
-    known,
     number,
     standard_error,
 )
@@ -86,14 +85,14 @@ class DeclinationError(HeadingEffect):
     def error(self, frame: Frame, values: Parameters) -> Floats:
         if values["epoch_year"] is None:
             return super().error(frame, values)
-        return known(declination_change(frame, epoch_year=number(values["epoch_year"])))
+        return np.nan_to_num(declination_change(frame, epoch_year=number(values["epoch_year"])))
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         # of the age or the factor, whichever is larger
         aged, factor = np.array([coefficients[0], coefficients[2]]), float(coefficients[1])
         old = abs(aged[0] / self.column_scales[0]) >= abs(factor / self.column_scales[1])
         used = [0, 2] if old else [1]
-        per_unit = known(self.basis(frame)[used]).mean(axis=1)
+        per_unit = np.nan_to_num(self.basis(frame)[used]).mean(axis=1)
         mean_error = float(np.sqrt(per_unit @ covariance[np.ix_(used, used)] @ per_unit))
         values: Stated = {"epoch_year": None, "factor": None}
         values["mean_deg"] = float(np.degrees(coefficients[used] @ per_unit))
@@ -108,12 +107,12 @@ class DeclinationError(HeadingEffect):
         full = self.complete(values)
         if full["epoch_year"] is not None:
             subset = _subset(frame)
-            patterns = known(_secular_patterns(subset))
+            patterns = np.nan_to_num(_secular_patterns(subset))
             years, bend = _coefficients_of_year(subset, patterns, number(full["epoch_year"]))
             return np.array([years, 0.0, bend])
         if full["factor"] is not None:
             return np.array([0.0, number(full["factor"]) - 1.0, 0.0])
-        mean = float(np.mean(known(self.basis(frame)[0])))
+        mean = float(np.mean(np.nan_to_num(self.basis(frame)[0])))
         wanted = np.radians(number(full["mean_deg"] or 0.0))
         return np.array([wanted / mean if mean != 0.0 else 0.0, 0.0, 0.0])
 
@@ -171,7 +170,7 @@ def _secular_patterns(frame: Frame) -> Floats:
 
 def _coefficients_of_year(frame: Frame, patterns: Floats, epoch_year: float) -> Floats:
     """Least-squares coefficients of some patterns (k, n) for the table of an epoch."""
-    change = known(declination_change(frame, epoch_year=epoch_year))
+    change = np.nan_to_num(declination_change(frame, epoch_year=epoch_year))
     return np.asarray(np.linalg.lstsq(patterns.T, change, rcond=1e-6)[0])
 
 
@@ -187,7 +186,7 @@ def _year_of_coefficients(frame: Frame, coefficients: Floats) -> float:
     """
     subset = _subset(frame)
     used = slice(None, 2 if coefficients[1] else 1)
-    patterns = known(_secular_patterns(subset))[used]
+    patterns = np.nan_to_num(_secular_patterns(subset))[used]
     now = 1970.0 + float(np.mean(frame.time)) / YEAR
     # every 2.5 years from twenty years ahead (by the error of a fit) to sixty years back
     years = np.linspace(now + 20.0, now - 60.0, 33).clip(FIRST, LAST)

@@ -16,7 +16,6 @@ from airswing.gap.effects.base import (
     OffsetAndCycle,
     Parameter,
     Parameters,
-    known,
     missing_context,
     number,
 )
@@ -30,11 +29,11 @@ EDGES = (5, 0, -5, -10, -15, -20)
 def _subsets() -> tuple[tuple[int, ...], ...]:
     # by the flag; by temperature below an edge or between two
     flag = ((0,), (1, 2), (0, 1, 2))
-    each = [tuple(range(3 * k + 3, 3 * k + 6)) for k in range(len(EDGES))]
-    single = [(columns[0],) for columns in each]
-    bands = list(combinations(each, 2))
+    edges = [tuple(range(3 * k + 3, 3 * k + 6)) for k in range(len(EDGES))]
+    single = [(columns[0],) for columns in edges]
+    bands = list(combinations(edges, 2))
     offsets = [(warm[0], cold[0]) for warm, cold in bands]
-    return (*flag, *single, *each, *offsets, *(warm + cold for warm, cold in bands))
+    return (*flag, *single, *edges, *offsets, *(warm + cold for warm, cold in bands))
 
 
 def _band(rng: np.random.Generator) -> dict[str, object]:
@@ -126,14 +125,14 @@ class HeaterCurrent(OffsetAndCycle):
         low, high = _edges(values)
         coefficients = super().from_parameters({**values, "between_degC": None}, frame)
         on = _colder(frame, high) - _colder(frame, low)
-        return np.asarray(on * (coefficients @ known(super().basis(frame))))
+        return np.asarray(on * (coefficients @ np.nan_to_num(super().basis(frame))))
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         # of the columns of the flag or of the warmest edge in use
         used = np.flatnonzero(np.reshape(coefficients, (-1, 3)).any(axis=1))
         first = int(used[0]) if used.size else 0
-        part = slice(3 * first, 3 * first + 3)
-        values, errors = super().to_parameters(coefficients[part], covariance[part, part], frame)
+        block = slice(3 * first, 3 * first + 3)
+        values, errors = super().to_parameters(coefficients[block], covariance[block, block], frame)
         band = None
         if first > 0:
             low = float(EDGES[int(used[1]) - 1]) if used.size > 1 else -100.0  # open
@@ -167,16 +166,16 @@ def _colder(frame: Frame, edge: float) -> Floats:
 
 def _edges(values: Mapping[str, object]) -> tuple[float, float]:
     # the two temperatures between which a heater is on, degC
-    given = values["between_degC"]
+    band = values["between_degC"]
     try:
-        low, high = (number(edge) for edge in (given if isinstance(given, Iterable) else ()))
+        low, high = (number(edge) for edge in (band if isinstance(band, Iterable) else ()))
     except (TypeError, ValueError):
         low = high = np.nan
     if not low < high:
         raise InputError(
             "a band of temperatures needs two increasing numbers",
             field="between_degC",
-            found=str(given),
+            found=str(band),
             remedy="give [low, high] in degC",
         )
     return low, high

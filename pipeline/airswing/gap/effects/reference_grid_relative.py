@@ -14,7 +14,6 @@ from airswing.gap.effects.base import (
     ProportionalEffect,
     Random,
     State,
-    known,
     number,
 )
 from airswing.synthetic.sealed.draws import Draw, Signed
@@ -55,10 +54,10 @@ class ReferenceGridRelative(ProportionalEffect):
     def columns(self, frame: Frame) -> Floats:
         # the wind's right-hand normal times the convergence angle
         turned = np.stack([frame.v_ref, -frame.u_ref], axis=-1)
-        return known(frame.grid_convergence[:, None] * turned)[None]
+        return np.nan_to_num(frame.grid_convergence[:, None] * turned)[None]
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
-        angle = number(values["fraction"]) * known(frame.grid_convergence)
+        angle = number(values["fraction"]) * np.nan_to_num(frame.grid_convergence)
         cosine, sine = np.cos(angle), np.sin(angle)
         return replace(
             state,

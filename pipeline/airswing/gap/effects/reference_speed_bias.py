@@ -87,8 +87,8 @@ class ReferenceSpeedBias(Effect):
         return self._columns(frame, 25.0)
 
     def _columns(self, frame: Frame, half: float) -> Floats:
-        apart = np.array(LEVELS)[:, None] - frame.pressure / 100.0
-        above = np.clip(0.5 + 0.5 * apart / half, 0.0, 1.0)
+        distance = np.array(LEVELS)[:, None] - frame.pressure / 100.0
+        above = np.clip(0.5 + 0.5 * distance / half, 0.0, 1.0)
         shares = np.concatenate([np.ones((1, frame.size)), above, 1.0 - above])
         return np.stack([-shares * frame.u_ref, -shares * frame.v_ref], axis=-1)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats
-from airswing.gap.effects.base import Parameter, ProportionalEffect, WindEffect, known
+from airswing.gap.effects.base import Parameter, ProportionalEffect, WindEffect
 from airswing.synthetic.sealed.draws import Draw, Signed
 from airswing.units import HOUR
 
@@ -49,13 +49,13 @@ class ReferenceTimeOffset(ProportionalEffect, WindEffect):
         tendency = np.stack([frame.dudt, frame.dvdt], axis=-1)
         before, _, after = _near(frame)
         wide = (after - before) / (2.0 * HOUR)
-        return known(-np.where(np.isfinite(wide), wide, tendency))[None]
+        return np.nan_to_num(-np.where(np.isfinite(wide), wide, tendency))[None]
 
     def curvature(self, frame: Frame) -> Floats | None:
         before, now, after = _near(frame)
         if not np.isfinite(before + after).any():
             return None
-        return known((0.5 * (before + after) - now) / HOUR**2)[None]
+        return np.nan_to_num((0.5 * (before + after) - now) / HOUR**2)[None]
 
 
 def _near(frame: Frame) -> tuple[Floats, Floats, Floats]:

@@ -10,7 +10,6 @@ from airswing.gap.effects.base import (
     Parameter,
     ProportionalEffect,
     WindEffect,
-    known,
     log_pressure_lapse,
 )
 from airswing.synthetic.sealed.draws import Draw
@@ -51,9 +50,11 @@ class TimeLag(ProportionalEffect, WindEffect):
     reliability = 0.93  # correlation with the true change along the path in simulated archives
 
     def columns(self, frame: Frame) -> Floats:
-        sinking = known(-frame.climb_rate * log_pressure_lapse(frame))
+        sinking = np.nan_to_num(-frame.climb_rate * log_pressure_lapse(frame))
         along = [
-            known(t) + known(frame.ground_u * x + frame.ground_v * y) + sinking * known(p)
+            np.nan_to_num(t)
+            + np.nan_to_num(frame.ground_u * x + frame.ground_v * y)
+            + sinking * np.nan_to_num(p)
             for t, x, y, p in (
                 (frame.dudt, frame.dudx, frame.dudy, frame.dudlnp),
                 (frame.dvdt, frame.dvdx, frame.dvdy, frame.dvdlnp),

@@ -76,14 +76,14 @@ def assemble(
             name = f"unknown: {' x '.join(entry.variables)}"
         else:
             name = entry.name
-        one = entry.closure or ClosesEntry(0.0, [0.0, 0.0])
-        steps.append(EffectClosureEntry(name, one.reduction, one.reduction_ci))
+        closes = entry.closure or ClosesEntry(0.0, [0.0, 0.0])
+        steps.append(EffectClosureEntry(name, closes.reduction, closes.reduction_ci))
     value, low, high = _sum(steps, closure)
     before, hidden = closure.before, could_hide(closure.before, frame.size)
-    whole = closure.total.reduction if closure.total.reduction > 1e-6 else np.inf
+    total = closure.total.reduction if closure.total.reduction > 1e-6 else np.inf
     unnamed = [step for step in steps if step.name.startswith("unknown: ")]
     if not entries:
-        # where nothing is stated the interval holds what could hide
+        # where nothing is stated the interval holds an error that could hide
         low, high = low - 0.25 * hidden, high + hidden
     named.sort(key=lambda entry: -entry.held_out_energy)
     best = max((claim.gate for claim in claims), default=0.0)
@@ -91,8 +91,8 @@ def assemble(
     if unnamed:
         closed = sum(step.reduction for step in unnamed)
         half = float(np.sqrt(sum((s.reduction_ci[1] - s.reduction) ** 2 for s in unnamed)))
-        left, interval = before - (value - closed), [closed - half, closed + half]
-        unknown = UnknownClosureEntry(left, left - closed, closed, interval)
+        remaining, interval = before - (value - closed), [closed - half, closed + half]
+        unknown = UnknownClosureEntry(remaining, remaining - closed, closed, interval)
     waterfall = [StepEntry("reports as they are", before, None)]
     for step in steps:
         waterfall.append(StepEntry(step.name, waterfall[-1].kt - step.reduction, step.reduction_ci))
@@ -103,7 +103,7 @@ def assemble(
         effects=[
             replace(
                 entry,
-                share_of_gap=float(np.clip(entry.closure.reduction / whole, 0, 1))
+                share_of_gap=float(np.clip(entry.closure.reduction / total, 0, 1))
                 if entry.closure
                 else 0.0,
             )
@@ -149,28 +149,28 @@ def _sum(steps: Sequence[EffectClosureEntry], closure: Closure) -> tuple[float, 
 
 
 def _exchange_entry(fitted: Fitted) -> EffectEntry:
-    found = fitted.exchange
-    assert found is not None
+    exchange = fitted.exchange
+    assert exchange is not None
     sums = fitted.model.sums
-    pair = [fitted.frame.tails[a] for a in found.pair]
-    start = np.datetime64(int(sums.days[found.day]), "D")
+    pair = [fitted.frame.tails[a] for a in exchange.pair]
+    start = np.datetime64(int(sums.days[exchange.day]), "D")
     return EffectEntry(
         name="tail_swap",
-        probability=probability(found.evidence),
+        probability=probability(exchange.evidence),
         tails=pair,
         parameters={"pair": pair},
         standard_errors={},
         period=[str(start), None],
         scope="pair",
-        evidence_nats=found.evidence,
-        held_out_energy=2.0 * found.evidence,
+        evidence_nats=exchange.evidence,
+        held_out_energy=2.0 * exchange.evidence,
     )
 
 
 def _evidence_entries(fitted: Fitted) -> list[EvidenceEntry]:
     out = []
     for term in fitted.terms:
-        for apart, name, scope in [(0.0, term.group.name, term.scope), *term.rivals]:
+        for margin, name, scope in [(0.0, term.group.name, term.scope), *term.rivals]:
             same = name == term.group.name
             out.append(
                 EvidenceEntry(
@@ -179,8 +179,8 @@ def _evidence_entries(fitted: Fitted) -> list[EvidenceEntry]:
                     scope={"a": "aircraft", "f": "fleet"}[scope],
                     known="|" not in name,
                     subset=list(term.group.form) if same else [],
-                    tempered_nats=float(term.score - apart),
-                    raw_nats=float(term.score - apart),
+                    tempered_nats=float(term.score - margin),
+                    raw_nats=float(term.score - margin),
                     cluster_factor=float(fitted.model.kappa),
                     posterior=_floats(term.inclusion if same else None),
                 )
@@ -223,22 +223,22 @@ def diagnosis_dataset(fitted: Fitted) -> xr.Dataset:
     out["report_count"] = (("aircraft", "day"), counts)
     gross = np.bincount(frame.aircraft, noise.gross, minlength=len(frame.tails))
     out["gross_error_count"] = (("aircraft",), gross)
-    found: dict[str, tuple[float, Floats]] = {}
+    evidence: dict[str, tuple[float, Floats]] = {}
     for term in fitted.terms:
         if term.group.named:
             inclusion = np.zeros(sums.A) if term.inclusion is None else term.inclusion
-            score, others = found.get(term.group.name, (-np.inf, np.zeros(sums.A)))
-            found[term.group.name] = max(score, term.score), np.maximum(inclusion, others)
-        for apart, name, _ in term.rivals:
-            if "|" not in name and term.score - apart > found.get(name, (-np.inf,))[0]:
-                others = found.get(name, (0.0, np.zeros(sums.A)))[1]
-                found[name] = term.score - apart, others
-    best = sorted(found, key=lambda name: -found[name][0])
+            score, included = evidence.get(term.group.name, (-np.inf, np.zeros(sums.A)))
+            evidence[term.group.name] = max(score, term.score), np.maximum(inclusion, included)
+        for margin, name, _ in term.rivals:
+            if "|" not in name and term.score - margin > evidence.get(name, (-np.inf,))[0]:
+                included = evidence.get(name, (0.0, np.zeros(sums.A)))[1]
+                evidence[name] = term.score - margin, included
+    best = sorted(evidence, key=lambda name: -evidence[name][0])
     out["effect"] = ("effect", np.array(best, dtype=object))
-    out["log_evidence"] = ("effect", np.array([found[name][0] for name in best], float))
+    out["log_evidence"] = ("effect", np.array([evidence[name][0] for name in best], float))
     out["aircraft_probability"] = (
         ("effect", "aircraft"),
-        np.reshape([found[name][1] for name in best], (len(best), sums.A)),
+        np.reshape([evidence[name][1] for name in best], (len(best), sums.A)),
     )
     out["noise_distance"] = (("distance",), noise.distance_km)
     out["noise_autocovariance"] = (("distance",), noise.autocovariance)

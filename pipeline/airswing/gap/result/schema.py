@@ -411,7 +411,7 @@ class GapReport:
 
     def content(self) -> dict[str, object]:
         """Mappings, lists and values, as :func:`airswing.products.whole_files.write_json` takes."""
-        return dict(_plain(self))
+        return dict(_as_json(self))
 
     @classmethod
     def of(cls, content: Mapping[str, object]) -> GapReport:
@@ -430,20 +430,20 @@ class GapReport:
             raise InputError(
                 "not the result of a diagnosis",
                 file=path,
-                field=".".join(str(part) for part in first["loc"]),
+                field=".".join(str(key) for key in first["loc"]),
                 found=str(first["msg"]),
                 remedy="run airswing gap again",
             ) from err
 
 
-def _plain(value: object) -> Any:
+def _as_json(value: object) -> Any:
     if is_dataclass(value):
-        each = [(one, getattr(value, one.name)) for one in fields(value)]
+        entries = [(f, getattr(value, f.name)) for f in fields(value)]
         return {
-            one.name: _plain(item)
-            for one, item in each
-            if item is not None or not one.metadata.get("left_out")
+            f.name: _as_json(item)
+            for f, item in entries
+            if item is not None or not f.metadata.get("left_out")
         }
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+        return {key: _as_json(item) for key, item in value.items()}
+    return [_as_json(item) for item in value] if isinstance(value, list | tuple) else value

@@ -102,15 +102,14 @@ def coefficients(fitted: Fitted, claim: Claim) -> tuple[list[int], Floats, Float
                 maps[row, :, at : at + m] += term.group.transform
     values = maps @ fitted.exact.theta
     if len({terms[k].scope for k in claim.terms}) > 1:
-        # a part that all have, small compared with that of some aircraft, is none of the others'
-        # effect
+        # a common part that is small compared with that of some aircraft is no effect of the rest
         size = np.linalg.norm(values, axis=1)
-        kept = np.flatnonzero(size > SMALL_SHARE * size.max())
-        tails, values, maps = [tails[row] for row in kept], values[kept], maps[kept]
+        retained = np.flatnonzero(size > SMALL_SHARE * size.max())
+        tails, values, maps = [tails[row] for row in retained], values[retained], maps[retained]
     errors = np.einsum("tki,ij,tlj->tkl", maps, covariance, maps, optimize=True)
     for k in claim.terms:
         if terms[k].scope == "f":
-            # what lasts in the reference's error is in the coefficients of the whole fleet
+            # the lasting error of the reference is in the coefficients of the whole fleet
             root = terms[k].group.transform
             errors = errors + model.lasting(terms[k].group) * (root @ root.T)
     return tails, values, errors
@@ -126,10 +125,10 @@ def by_member(
     out = []
     for entry in entries:
         same = {
-            reference: TailEntry(one.parameters, one.standard_errors)
-            for reference, found in members.items()
-            for one in found
-            if one.name == entry.name
+            reference: TailEntry(effect.parameters, effect.standard_errors)
+            for reference, effects in members.items()
+            for effect in effects
+            if effect.name == entry.name
         }
         if entry.scope == "reference" and same:
             pooled = {pool: TailEntry(entry.parameters, entry.standard_errors)}
@@ -153,7 +152,7 @@ def effect_entry(
     name = first.group.name
     effect = effects[name]
     tails, values, errors = coefficients(fitted, claim)
-    whole = all(term.scope == "f" for term in terms)
+    fleet = all(term.scope == "f" for term in terms)
     # noise in inferred gradients of the wind shrinks coefficients by the reliability of columns,
     # unless their instruments are free of it
     share = first.group.reliability
@@ -163,7 +162,7 @@ def effect_entry(
     errors = errors + doubt**2 * np.einsum("ti,tj->tij", values, values)
     scales = np.asarray(effect.column_scales, float)
     frame = fitted.frame
-    each = []
+    stated = []
     for value, error in zip(values, errors, strict=True):
         start = _start(fitted, first)
         counted = frame if start is None else replace(frame, epoch=start)
@@ -173,25 +172,25 @@ def effect_entry(
             turn = np.eye(scales.size)
             turn[1, 0] = start - frame.epoch
             coefficient, spread = turn @ coefficient, turn @ spread @ turn.T
-        each.append(effect.to_parameters(coefficient, spread, counted))
-        if whole:
+        stated.append(effect.to_parameters(coefficient, spread, counted))
+        if fleet:
             break
     names = [frame.tails[a] for a in tails]
-    per_tail = {t: TailEntry(p, e) for t, (p, e) in zip(names, each, strict=False)}
+    per_tail = {t: TailEntry(p, e) for t, (p, e) in zip(names, stated, strict=False)}
     rivals = _rivals(terms, fitted.model.kappa)
     size = np.concatenate([_sizes(fitted, k) for k in claim.terms])
     return EffectEntry(
         name=name,
         probability=claim.weight * probability(claim.gate),
         tails=names,
-        parameters=summary([p for p, _ in each]),
-        standard_errors={n: float(np.median([e[n] for _, e in each])) for n in each[0][1]},
+        parameters=summary([p for p, _ in stated]),
+        standard_errors={n: float(np.median([e[n] for _, e in stated])) for n in stated[0][1]},
         period=_period(fitted, first),
-        scope="reference" if effect.scope == "reference" else "fleet" if whole else "aircraft",
+        scope="reference" if effect.scope == "reference" else "fleet" if fleet else "aircraft",
         evidence_nats=round(claim.score, 2),
         cluster_factor=round(float(fitted.model.kappa), 2),
         size_m_s=float(np.median(size)),
-        per_tail=None if whole or len(each) < 2 else per_tail,
+        per_tail=None if fleet or len(stated) < 2 else per_tail,
         ambiguous_with=[rival.name for rival in rivals],
         ambiguity=rivals,
         held_out_energy=2.0 * claim.score,
@@ -213,12 +212,12 @@ def _rivals(terms: Sequence[Term], kappa: float) -> list[RivalEntry]:
     name = terms[0].group.name
     behind: dict[str, float] = {}
     for term in terms:
-        for apart, other, _ in term.rivals:
-            if other in CATALOGUE and other != name and apart < CREDIBLE * kappa:
-                behind[other] = min(apart, behind.get(other, np.inf))
+        for margin, rival, _ in term.rivals:
+            if rival in CATALOGUE and rival != name and margin < CREDIBLE * kappa:
+                behind[rival] = min(margin, behind.get(rival, np.inf))
     return [
-        RivalEntry(other, behind[other], separated_by(other, name, otherwise="a longer record"))
-        for other in sorted(behind, key=behind.__getitem__)
+        RivalEntry(rival, behind[rival], separated_by(rival, name, otherwise="a longer record"))
+        for rival in sorted(behind, key=behind.__getitem__)
     ]
 
 
@@ -263,7 +262,7 @@ def place_entry(fitted: Fitted, claim: Claim, step: ClosesEntry) -> PlaceEntry:
     group = terms[0].group
     tails, values, _ = coefficients(fitted, claim)
     frame = fitted.frame
-    whole = any(term.scope == "f" for term in terms) or len(tails) == len(frame.tails)
+    fleet = any(term.scope == "f" for term in terms) or len(tails) == len(frame.tails)
     curve = table_curve(fitted, fitted.model.sums.candidates.table_of(group), tails, values)
     period = _period(fitted, terms[0])
     begins = f"from {period[0]} on" if period else None
@@ -275,8 +274,8 @@ def place_entry(fitted: Fitted, claim: Claim, step: ClosesEntry) -> PlaceEntry:
         variable=group.variables[0],
         variables=list(group.variables),
         group=group.name,
-        tails=[] if whole else [frame.tails[a] for a in tails],
-        scope="fleet" if whole else "aircraft",
+        tails=[] if fleet else [frame.tails[a] for a in tails],
+        scope="fleet" if fleet else "aircraft",
         evidence_nats=round(claim.score, 2),
         size_m_s=float(np.median(size)),
         curve=curve,
@@ -294,8 +293,8 @@ def _nearest(terms: Sequence[Term]) -> tuple[str | None, float | None]:
     """Named effect with the largest share of the evidence in the contest."""
     best: tuple[str | None, float | None] = (None, None)
     for term in terms:
-        for apart, name, _ in term.rivals:
-            share = (term.score - apart) / max(term.score, 1e-9)
+        for margin, name, _ in term.rivals:
+            share = (term.score - margin) / max(term.score, 1e-9)
             if name in CATALOGUE and share > 0 and share > (best[1] or 0.0):
                 best = (name, float(min(share, 1.0)))
     return best
@@ -317,9 +316,9 @@ def table_curve(fitted: Fitted, table: Table, tails: Sequence[int], values: Floa
     functions = np.ones((1, 1))
     for curve, middle in zip(table.curves, centres, strict=True):
         functions = np.asarray(np.kron(functions, curve.functions(middle)), np.float64)
-    each = values @ functions.T
-    middle = each.mean(axis=0)
-    apart = float(np.abs(each - middle).max()) > 1e-9
+    rows = values @ functions.T
+    middle = rows.mean(axis=0)
+    differs = float(np.abs(rows - middle).max()) > 1e-9
     frame_tails = fitted.frame.tails
     return CurveEntry(
         labels=_labels(names, edges),
@@ -330,9 +329,9 @@ def table_curve(fitted: Fitted, table: Table, tails: Sequence[int], values: Floa
         edges=edges,
         values=[float(x) for x in middle],
         per_tail={
-            frame_tails[a]: [float(x) for x in row] for a, row in zip(tails, each, strict=True)
+            frame_tails[a]: [float(x) for x in row] for a, row in zip(tails, rows, strict=True)
         }
-        if apart
+        if differs
         else None,
     )
 
@@ -345,7 +344,7 @@ def _labels(names: Sequence[str], edges: Sequence[Sequence[float]]) -> list[str]
             if name in CATEGORIES
             else [f"{a:.4g} to {b:.4g}" for a, b in pairwise(bounds)]
         )
-        out = [f"{one}; {cell}" if one else cell for one in out for cell in cells]
+        out = [f"{label}; {cell}" if label else cell for label in out for cell in cells]
     return out
 
 
@@ -391,7 +390,7 @@ def shape_in_words(curve: CurveEntry) -> str | None:
 
 
 OTHERWISE = "another unit on the same routes, or these units on other routes"
-#: Measurement that would decide what an unknown is, by its variable.
+#: Measurement that would identify an unknown effect, by its variable.
 SETTLED = {
     "magnetic_heading": "a compass swing of one of these aircraft on the ground and in flight",
     "track": "the unit's raw heading and track on flights in both directions",

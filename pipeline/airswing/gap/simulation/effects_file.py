@@ -78,17 +78,17 @@ def effects_of_fits(
             continue
         # the curve A + B sin + C cos + D sin 2 + E cos 2, degrees
         a, b, c, d, e = (float(value) for value in fit["deviation"].values)
-        found: dict[str, dict[str, object]] = {"compass_offset": {"offset_deg": a}}
+        effects: dict[str, dict[str, object]] = {"compass_offset": {"offset_deg": a}}
         for name, sine, cosine in (("hard_iron", b, c), ("soft_iron", d, e)):
             if sine != 0.0 or cosine != 0.0:
                 phase = float(np.degrees(np.arctan2(cosine, sine)))
-                found[name] = {"amplitude_deg": float(np.hypot(sine, cosine)), "phase_deg": phase}
-        if "hard_iron" in found:
-            found["hard_iron"]["at_horizontal_field_nT"] = float(fit["mean_horizontal_field"])
+                effects[name] = {"amplitude_deg": float(np.hypot(sine, cosine)), "phase_deg": phase}
+        if "hard_iron" in effects:
+            effects["hard_iron"]["at_horizontal_field_nT"] = float(fit["mean_horizontal_field"])
         scale = float(fit["airspeed_scale"])
         if np.isfinite(scale):
-            found["tas_scale"] = {"scale_percent": 100.0 * scale}
-        out += [ActiveEffect(name, values, (tail,)) for name, values in found.items()]
+            effects["tas_scale"] = {"scale_percent": 100.0 * scale}
+        out += [ActiveEffect(name, values, (tail,)) for name, values in effects.items()]
     if not out:
         raise InputError("no accepted fit to start from", file=file, field="status")
     return out
@@ -109,7 +109,7 @@ def plain_effects(effects: Iterable[ActiveEffect]) -> list[dict[str, object]]:
         {
             "name": active.name,
             "tails": "all" if active.tails is None else [str(tail) for tail in active.tails],
-            "parameters": {k: _plain(v) for k, v in active.parameters.items() if v is not None},
+            "parameters": {k: _builtin(v) for k, v in active.parameters.items() if v is not None},
             "period": plain_period(active.period),
         }
         for active in effects
@@ -128,10 +128,10 @@ def plain_period(period: tuple[float | None, float | None] | None) -> list[str |
     return out
 
 
-def _plain(value: object) -> object:
+def _builtin(value: object) -> object:
     if isinstance(value, str):
         return value
-    return [_plain(part) for part in value] if isinstance(value, Sequence) else number(value)
+    return [_builtin(item) for item in value] if isinstance(value, Sequence) else number(value)
 
 
 # ------------------------------------------------------------------------------------ checking
@@ -152,17 +152,17 @@ def _entry(entry: object, file: object | None) -> ActiveEffect:
         raise InputError("every effect must be a mapping", file=file, found=entry)
     keys = ("name", "tails", "parameters", "period")
     _check_keys(entry, keys, file, "unknown key in an effect")
-    name, given = entry.get("name"), entry.get("parameters") or {}
+    name, raw = entry.get("name"), entry.get("parameters") or {}
     effect = effect_named(str(name))
     if effect is None:
-        what = f"unknown effect{nearest(str(name), list(CATALOGUE))}"
-        raise InputError(what, file=file, field="name", found=name)
-    if not isinstance(given, Mapping):
-        raise InputError("parameters must be a mapping", file=file, field=effect.name, found=given)
-    known = {parameter.name: parameter for parameter in effect.parameters}
-    _check_keys(given, known, file, f"unknown parameter of effect {effect.name}", effect.name)
-    used = {str(name): value for name, value in given.items() if value is not None}
-    values = {name: _number(known[name], value, file) for name, value in used.items()}
+        message = f"unknown effect{nearest(str(name), list(CATALOGUE))}"
+        raise InputError(message, file=file, field="name", found=name)
+    if not isinstance(raw, Mapping):
+        raise InputError("parameters must be a mapping", file=file, field=effect.name, found=raw)
+    allowed = {parameter.name: parameter for parameter in effect.parameters}
+    _check_keys(raw, allowed, file, f"unknown parameter of effect {effect.name}", effect.name)
+    used = {str(name): value for name, value in raw.items() if value is not None}
+    values = {name: _number(allowed[name], value, file) for name, value in used.items()}
     try:
         effect.complete(values)
     except InputError as err:
@@ -179,17 +179,17 @@ def _entry(entry: object, file: object | None) -> ActiveEffect:
 
 
 def _check_keys(
-    given: Mapping[object, object],
-    known: Iterable[str],
+    content: Mapping[object, object],
+    allowed: Iterable[str],
     file: object | None,
     message: str,
     field: str | None = None,
 ) -> None:
-    names = tuple(known)
-    for key in given:
+    names = tuple(allowed)
+    for key in content:
         if key not in names:
-            what = f"{message}{nearest(str(key), names)}"
-            raise InputError(what, file=file, field=field, found=key)
+            text = f"{message}{nearest(str(key), names)}"
+            raise InputError(text, file=file, field=field, found=key)
 
 
 def _number(parameter: Parameter, value: object, file: object | None) -> object:
@@ -237,8 +237,8 @@ def _seconds(moment: object, file: object | None) -> float | None:
 # ---------------------------------------------------------------------------------- a diagnosis
 def active_effects(report: GapReport) -> list[ActiveEffect]:
     """Effects of a diagnosis as the simulation takes them: one entry per aircraft or fleet."""
-    entries = [one for effect in report.effects for one in _of_effect(effect, report.reference)]
-    entries += [one for place in report.unknown.where for one in _of_place(place)]
+    entries = [entry for effect in report.effects for entry in _of_effect(effect, report.reference)]
+    entries += [entry for place in report.unknown.where for entry in _of_place(place)]
     return parse_effects(plain(entries))
 
 
@@ -248,8 +248,8 @@ def _of_effect(effect: EffectEntry, reference: str | None) -> list[dict[str, obj
     against_all = (effect.by_reference or {}).get(reference or "", effect)
     entry = {"name": effect.name, "period": effect.period}
     if effect.per_tail:
-        each = effect.per_tail.items()
-        return [entry | {"tails": tail, "parameters": one.parameters} for tail, one in each]
+        items = effect.per_tail.items()
+        return [entry | {"tails": tail, "parameters": row.parameters} for tail, row in items]
     return [entry | {"tails": who, "parameters": against_all.parameters}]
 
 
@@ -275,15 +275,15 @@ def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -
     out = []
     for entry in entries:
         kind = CATALOGUE[entry.name].kind if entry.name in CATALOGUE else "mean"
-        same = [one for one in effects if one.name == entry.name]
+        same = [active for active in effects if active.name == entry.name]
         if kind != "second_moment" or not same:
             out.append(entry)
             continue
-        known = {tail for one in same for tail in one.tails or entry.tails}
-        left = [tail for tail in entry.tails if tail not in known]
-        each = {t: v for t, v in (entry.per_tail or {}).items() if t in left}
-        if left:
-            out.append(replace(entry, tails=left, per_tail=each))
+        known_tails = {tail for active in same for tail in active.tails or entry.tails}
+        tails = [tail for tail in entry.tails if tail not in known_tails]
+        per_tail = {t: v for t, v in (entry.per_tail or {}).items() if t in tails}
+        if tails:
+            out.append(replace(entry, tails=tails, per_tail=per_tail))
     return out
 
 
@@ -292,8 +292,8 @@ def unknown_not_known(unknown: UnknownEntry, effects: Sequence[ActiveEffect]) ->
 
     Where one is left out, the closure of all of them is too.
     """
-    known = {one.parameters["component"] for one in effects if one.name == "empirical"}
-    left = [p for p in unknown.where if p.component not in known & set(IRREVERSIBLE)]
-    if len(left) == len(unknown.where):
+    components = {e.parameters["component"] for e in effects if e.name == "empirical"}
+    places = [p for p in unknown.where if p.component not in components & set(IRREVERSIBLE)]
+    if len(places) == len(unknown.where):
         return unknown
-    return replace(unknown, present=bool(left), where=left, closure=None)
+    return replace(unknown, present=bool(places), where=places, closure=None)

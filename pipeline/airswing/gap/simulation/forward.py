@@ -90,8 +90,8 @@ class PreparedEffect:
         for active, seed in zip(effects, seeds, strict=True):
             effect = effect_named(active.name)
             if effect is None:
-                what = f"unknown effect{nearest(active.name, list(CATALOGUE))}"
-                raise InputError(what, found=active.name)
+                message = f"unknown effect{nearest(active.name, list(CATALOGUE))}"
+                raise InputError(message, found=active.name)
             if active.tails is not None:
                 frame.aircraft_mask(active.tails)  # raises for an unknown aircraft
             for name in effect.needs:
@@ -212,12 +212,12 @@ def draw_noise(frame: Frame, noise: NoiseModel, *, rng: np.random.Generator) -> 
         now = by_position[start:stop]
         correlated[now] += decay[now, None] * correlated[now - 1]
     white = rng.standard_normal((frame.size, 2))
-    both = noise.correlated_sd * correlated + noise.white_sd * white
+    error = noise.correlated_sd * correlated + noise.white_sd * white
     direction = noise.direction_factors(path.heading)
     if direction is not None:
-        both = np.asarray(direction.scale_reports(both), np.float64)
+        error = np.asarray(direction.scale_reports(error), np.float64)
     out = np.empty((frame.size, 2))
-    out[order] = noise.factor(log_pressure)[:, None] * both
+    out[order] = noise.factor(log_pressure)[:, None] * error
     return out
 
 

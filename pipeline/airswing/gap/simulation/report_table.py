@@ -146,8 +146,8 @@ def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
     with atomic(path) as temporary:
         if path.suffix == ".csv":
             stamps = np.asarray(table["time"].values, dtype="datetime64[ms]")
-            whole = not np.any(stamps.astype(np.int64) % 1000)
-            text = np.datetime_as_string(stamps, "s" if whole else "ms")
+            in_seconds = not np.any(stamps.astype(np.int64) % 1000)
+            text = np.datetime_as_string(stamps, "s" if in_seconds else "ms")
             table = table.assign(time=[f"{stamp}Z" for stamp in text])
             table.to_csv(temporary, index=False, lineterminator="\n")
             return path
@@ -187,9 +187,9 @@ def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
     tails = np.repeat(simulated["aircraft"].values.astype(str), simulated["row_size"].values)
     owner = np.array(frame.tails)[frame.aircraft]
     real = pd.DataFrame({"tail": owner, "time": frame.time}).rename_axis("row").reset_index()
-    made = pd.DataFrame({"tail": tails, "time": seconds}).rename_axis("nearest").reset_index()
-    both = real.sort_values("time"), made.sort_values("time")
-    pairs = pd.merge_asof(*both, on="time", by="tail", direction="nearest", tolerance=60).dropna()
+    table = pd.DataFrame({"tail": tails, "time": seconds}).rename_axis("nearest").reset_index()
+    tables = real.sort_values("time"), table.sort_values("time")
+    pairs = pd.merge_asof(*tables, on="time", by="tail", direction="nearest", tolerance=60).dropna()
     rows, nearest = (pairs[side].to_numpy(np.int64) for side in ("row", "nearest"))
     latitude, longitude = simulated["latitude"].values, simulated["longitude"].values
     north = latitude[nearest] - frame.latitude[rows]
@@ -203,8 +203,8 @@ def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
 
 def with_simulated_wind(frame: Frame, matched: Matched) -> Frame:
     """Replace the reference wind by the simulated wind, at the reports with a match."""
-    found = matched.found
-    if not found.any():
+    is_matched = matched.found
+    if not is_matched.any():
         raise InputError("no simulated report is of an aircraft and time of the archive")
-    kept = frame.take(np.flatnonzero(found))
-    return replace(kept, u_ref=matched.u[found], v_ref=matched.v[found])
+    frame = frame.take(np.flatnonzero(is_matched))
+    return replace(frame, u_ref=matched.u[is_matched], v_ref=matched.v[is_matched])
