@@ -62,12 +62,11 @@ class Plan:
 
     def drawn(self) -> list[Case]:
         """Return the cases."""
-        known = {name: how for name, how in draws().items() if not self.names or name in self.names}
         return plan_cases(
             self.cases,
             seed=self.seed,
             size=self.size,
-            draws=known,
+            draws={k: draw for k, draw in draws().items() if not self.names or k in self.names},
             rungs=self.played,
             nulls=self.nulls,
         )
@@ -82,7 +81,7 @@ class Plan:
                 case.variant,
                 case.sizes,
                 case.without,
-                [part.effects for part in (*case.drawn, *case.instead)],
+                [item.effects for item in (*case.drawn, *case.instead)],
             )
             for case in self.drawn()
         ]
@@ -126,7 +125,7 @@ class Check:
 def run_command(config: Path, output: Path, without: Sequence[str]) -> Mapping[str, Any]:
     """Content of ``gap.json`` by the public command; RuntimeError if the command fails."""
     command = [sys.executable, "-m", "airswing", "gap", str(config), "--output", str(output)]
-    command += ["--quiet", *(part for name in without for part in ("--without", name))]
+    command += ["--quiet", *(word for name in without for word in ("--without", name))]
     # Several commands run at a time, each in one thread.
     settings = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(

@@ -44,7 +44,7 @@ SYNONYMS: tuple[frozenset[str], ...] = (
 
 def draws() -> dict[str, Draw]:
     """How each effect of the catalogue that the check uses is drawn, by name."""
-    return {name: one.draw for name, one in CATALOGUE.items() if one.draw is not None}
+    return {name: effect.draw for name, effect in CATALOGUE.items() if effect.draw is not None}
 
 
 def score_case(
@@ -71,7 +71,7 @@ def score_case(
     of_background = label.get("background_components", ())
     unknown = [place for place in places if place["component"] not in of_background]
     first = {judged[0]["name"], *judged[0]["ambiguous_with"]} if judged else set()
-    found: Score = {
+    score: Score = {
         "claimed": names,
         "unknown": bool(unknown),
         "detected": bool(judged or unknown),
@@ -82,10 +82,10 @@ def score_case(
         "claims": _claims(label, claims, unknown, truth),
     }
     if label["kind"] in ("single", "pair"):
-        found |= _of_names(label, claims)
+        score |= _of_names(label, claims)
     if label["outside"] is not None:
-        found |= _of_unknown(label, claims, unknown, false, fleet)
-    return asked | found | _closure(label, gap, background)
+        score |= _of_unknown(label, claims, unknown, false, fleet)
+    return asked | score | _closure(label, gap, background)
 
 
 def _claims(
@@ -110,42 +110,42 @@ def _of_names(label: Label, claims: Sequence[Entry]) -> Score:
     precision, recall, errors, deviations, dates = [], [], [], [], []
     for name in label["focus"]:
         effects = [effect for effect in label["effects"] if effect["name"] == name]
-        found = [claim for claim in claims if claim["name"] == name]
-        if not found:
+        named = [claim for claim in claims if claim["name"] == name]
+        if not named:
             continue
-        how = draws().get(name, Draw())
+        draw = draws().get(name, Draw())
         true_tails = effects[0]["tails"]
-        if how.whose != "fleet" and true_tails is not None:
-            stated = {tail for claim in found for tail in claim["tails"]}
-            both = len(stated & set(true_tails))
-            precision.append(both / len(stated) if stated else 0.0)
-            recall.append(both / len(true_tails))
-        errors += parameter_errors(how.compared, effects[0], found)
-        deviations += standardised_errors(how.compared, effects[0], found)
+        if draw.scope != "fleet" and true_tails is not None:
+            stated = {tail for claim in named for tail in claim["tails"]}
+            common = len(stated & set(true_tails))
+            precision.append(common / len(stated) if stated else 0.0)
+            recall.append(common / len(true_tails))
+        errors += parameter_errors(draw.compared, effects[0], named)
+        deviations += standardised_errors(draw.compared, effects[0], named)
         if effects[0]["period"]:
-            dates.append(date_error(effects[0]["period"], [claim["period"] for claim in found]))
-    known = [value for value in dates if value is not None]
+            dates.append(date_error(effects[0]["period"], [claim["period"] for claim in named]))
+    valid = [value for value in dates if value is not None]
     return {
         "precision": float(np.mean(precision)) if precision else None,
         "recall": float(np.mean(recall)) if recall else None,
         "parameter_error": float(np.median(errors)) if errors else None,
         "standardised_errors": deviations,
-        "date_error": float(np.median(known)) if known else None,
+        "date_error": float(np.median(valid)) if valid else None,
     }
 
 
-def _stated(effect: Injected, found: Sequence[Entry]) -> list[Entry]:
+def _stated(effect: Injected, claims: Sequence[Entry]) -> list[Entry]:
     """Entries with parameters: of each aircraft that has the effect, otherwise of the claim."""
     tails = effect["tails"]
     out: list[Entry] = []
-    for claim in found:
-        each = claim.get("per_tail") or {}
-        out += [one for tail, one in each.items() if tails is None or tail in tails] or [claim]
+    for claim in claims:
+        rows = claim.get("per_tail") or {}
+        out += [row for tail, row in rows.items() if tails is None or tail in tails] or [claim]
     return out
 
 
 def parameter_errors(
-    compared: Sequence[str], effect: Injected, found: Sequence[Entry]
+    compared: Sequence[str], effect: Injected, claims: Sequence[Entry]
 ) -> list[float]:
     """Relative errors of the stated parameters, one for each aircraft that has the effect.
 
@@ -156,20 +156,20 @@ def parameter_errors(
     size = float(np.linalg.norm(true))
     if size == 0.0:
         return []
-    stated = [_components(compared, one["parameters"]) for one in _stated(effect, found)]
-    return [float(np.linalg.norm(one - true)) / size for one in stated]
+    stated = [_components(compared, row["parameters"]) for row in _stated(effect, claims)]
+    return [float(np.linalg.norm(row - true)) / size for row in stated]
 
 
 def standardised_errors(
-    compared: Sequence[str], effect: Injected, found: Sequence[Entry]
+    compared: Sequence[str], effect: Injected, claims: Sequence[Entry]
 ) -> list[float]:
     """Errors of parameters in their stated standard errors (angles of phase excluded)."""
     out = []
-    for one in _stated(effect, found):
+    for row in _stated(effect, claims):
         for key in compared:
-            error = _number(one.get("standard_errors", {}), key)
+            error = _number(row.get("standard_errors", {}), key)
             if key != "phase_deg" and error > 0.0:
-                true, stated = _number(effect["parameters"], key), _number(one["parameters"], key)
+                true, stated = _number(effect["parameters"], key), _number(row["parameters"], key)
                 out.append((stated - true) / error)
     return out
 
@@ -196,7 +196,7 @@ def date_error(
 ) -> float | None:
     """Days from the true start to the nearest stated one; None without a stated start."""
     true = _date(period[0])
-    starts = [_date(one[0]) for one in stated if one]
+    starts = [_date(p[0]) for p in stated if p]
     return min(
         (abs((s - true).total_seconds()) / DAY for s in starts if s is not None and true),
         default=None,
@@ -235,12 +235,12 @@ def _of_unknown(
     right = any(same_variable(variable, name) for name in truth["variables"])
     stated = {tail for place in places for tail in place["tails"] or fleet}
     true = {tail for effect in label["effects"] for tail in effect["tails"] or fleet}
-    both = len(stated & true)
+    common = len(stated & true)
     return {
         "unknown_first": not false or largest <= _reduction(places[0]),
         "variable_first": right,
-        "precision": both / len(stated) if stated else 0.0,
-        "recall": both / len(true) if true else 0.0,
+        "precision": common / len(stated) if stated else 0.0,
+        "recall": common / len(true) if true else 0.0,
     }
 
 
@@ -248,12 +248,12 @@ def _closure(label: Label, gap: Entry, background: set[str]) -> Score:
     """Stated and true closure, kt; effects of the background are subtracted from the stated one."""
     closure = gap["closure"]
     true = label["closure"]["before"] - label["closure"]["after"]
-    known = sum(_reduction(claim) for claim in gap["effects"] if claim["name"] in background)
-    stated = closure["before"] - closure["after"] - known
+    subtracted = sum(_reduction(claim) for claim in gap["effects"] if claim["name"] in background)
+    stated = closure["before"] - closure["after"] - subtracted
     interval = closure.get("reduction_ci")
     if interval is None and closure["ci"] is not None:
         interval = [closure["before"] - end for end in reversed(closure["ci"])]
-    ends = None if interval is None else [end - known for end in interval]
+    ends = None if interval is None else [end - subtracted for end in interval]
     return {
         "closure_true": true,
         "closure_stated": stated,

@@ -125,7 +125,7 @@ def targets(scores: Sequence[Score]) -> pd.DataFrame:
     ``met`` is None without cases.
     """
     rows: list[dict[str, Any]] = []
-    for what, direction, target, (reached, number) in _figures(scores):
+    for name, direction, target, (reached, number) in _figures(scores):
         met = None
         if isinstance(target, tuple):
             text = f"{target[0]:g} to {target[1]:g}"
@@ -137,7 +137,7 @@ def targets(scores: Sequence[Score]) -> pd.DataFrame:
             text = f"{direction} {target:g}"
             if reached is not None:
                 met = reached >= target if direction == ">=" else reached <= target
-        row = {"figure": what, "target": text, "reached": reached, "number": number, "met": met}
+        row = {"figure": name, "target": text, "reached": reached, "number": number, "met": met}
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -158,13 +158,13 @@ def _markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> st
 
 def summary_table(check: Check) -> str:
     """Return the figures of ordinary archives and of all cases as a Markdown table."""
-    both = targets(of_default(check.scores)), targets(check.scores)
+    tables = targets(of_default(check.scores)), targets(check.scores)
     rows = []
-    for (_, ordinary), (_, every) in zip(both[0].iterrows(), both[1].iterrows(), strict=True):
+    for (_, ordinary), (_, every) in zip(tables[0].iterrows(), tables[1].iterrows(), strict=True):
         row = [str(every["figure"]), str(every["target"])]
-        for one in (ordinary, every):
-            missed = "**" if one["met"] is False else ""
-            row.append(f"{missed}{_number(one['reached'])}{missed} ({one['number']})")
+        for values in (ordinary, every):
+            missed = "**" if values["met"] is False else ""
+            row.append(f"{missed}{_number(values['reached'])}{missed} ({values['number']})")
         rows.append(row)
     columns = ["figure", "target", "ordinary archives (number)", "all cases (number)"]
     return _markdown_table(columns, rows)
@@ -256,12 +256,12 @@ def _draw_closure(axes: Axes, scores: Sequence[Score]) -> None:
         (("outside", "removed"), "unknown"),
         (("null",), "null"),
     ):
-        chosen = [s for s in scores if s["kind"] in kinds and s["closure_interval"] is not None]
-        if chosen:
-            stated = np.array(_values(chosen, "closure_stated"))
-            ends = np.array([score["closure_interval"] for score in chosen]).T
+        used = [s for s in scores if s["kind"] in kinds and s["closure_interval"] is not None]
+        if used:
+            stated = np.array(_values(used, "closure_stated"))
+            ends = np.array([score["closure_interval"] for score in used]).T
             axes.errorbar(
-                _values(chosen, "closure_true"),
+                _values(used, "closure_true"),
                 stated,
                 np.maximum(np.abs(ends - stated), 0.0),
                 fmt="o",

@@ -246,7 +246,7 @@ def lag_one(
 ) -> tuple[float, float]:
     """Correlation of neighbours on a flight and its standard error over days; NaN without any.
 
-    ``values`` are whitened residuals (n, 2), ``kept`` the reports that are not left out.
+    ``values`` are whitened residuals (n, 2), ``used`` marks the reports in use.
     """
     order = np.lexsort((time, flight))
     order = order[used[order]]

@@ -76,9 +76,9 @@ def bank_at_reports(
     first = inside & end[:-2] & flagged[1:-1] & level[2:]
     last = inside & end[2:] & flagged[1:-1] & level[:-2]
     unseen = float(np.sum(spread[2:][first]) + np.sum(spread[:-2][last]))
-    whole = np.sum(interval[flagged])
+    duration = np.sum(interval[flagged])
     turned = np.sum(spread) + unseen
-    mean = float(np.clip(turned / whole, LIMIT, LARGEST)) if whole > 0 else LIMIT
+    mean = float(np.clip(turned / duration, LIMIT, LARGEST)) if duration > 0 else LIMIT
     side = np.where(seen, np.sign(chords), np.sign(bank))
     return np.where(flagged, side * mean, np.where(level, lasting, bank))
 
@@ -95,14 +95,14 @@ def _chord_bank(latitude: Floats, longitude: Floats, interval: Floats) -> Floats
     length = METRES_PER_DEGREE * np.hypot(north, east)
     still = np.zeros(latitude.size, bool)  # a chord of no length has no direction
     still[1:-1] = (length[1:] == 0.0) | (length[:-1] == 0.0)
-    whole = (interval > 0.0) & ~still
+    moving = (interval > 0.0) & ~still
     path = np.zeros(latitude.size)
     path[1:-1] = 0.5 * (length[1:] + length[:-1])
     half = 0.5 * np.minimum(np.abs(turn), WIDEST)
     # An arc over its chord is (x/2) / sin(x/2) for a turn x; numpy's sinc includes pi.
     path /= np.sinc(half / np.pi)
-    speed = np.divide(path, interval, out=np.zeros_like(path), where=whole)
-    rate = np.divide(turn, interval, out=np.zeros_like(turn), where=whole)
+    speed = np.divide(path, interval, out=np.zeros_like(path), where=moving)
+    rate = np.divide(turn, interval, out=np.zeros_like(turn), where=moving)
     return np.asarray(np.arctan(speed * rate / GRAVITY))
 
 

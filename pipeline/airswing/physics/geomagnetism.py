@@ -73,8 +73,8 @@ def geomagnetic_field(
     points = [np.ascontiguousarray(array).reshape(-1) for array in arrays]
     field = np.empty((3, points[0].size))
     for start in range(0, points[0].size, BLOCK):
-        part = slice(start, start + BLOCK)
-        field[:, part] = _interpolated(*(values[part] for values in points))
+        block = slice(start, start + BLOCK)
+        field[:, block] = _interpolated(*(values[block] for values in points))
     north, east, down = field.reshape(3, *arrays[0].shape)
     horizontal = np.hypot(north, east)
     return GeomagneticField(np.arctan2(east, north), horizontal, np.arctan2(down, horizontal))

@@ -33,13 +33,13 @@ def hats_not_zero(values: Floats, knots: Floats) -> tuple[Short, Floats]:
     """
     if knots.size == 1:
         return np.zeros((values.size, 1), dtype=np.int32), np.ones((values.size, 1))
-    left = np.zeros(values.size, dtype=np.int32)
+    lower = np.zeros(values.size, dtype=np.int32)
     for knot in knots[1:-1]:
-        left += values >= knot
-    found = np.empty((values.size, 2))
-    np.clip((values - knots[left]) / np.diff(knots)[left], 0.0, 1.0, out=found[:, 1])
-    np.subtract(1.0, found[:, 1], out=found[:, 0])
-    return np.stack([left, left + np.int32(1)], axis=1), found
+        lower += values >= knot
+    shares = np.empty((values.size, 2))
+    np.clip((values - knots[lower]) / np.diff(knots)[lower], 0.0, 1.0, out=shares[:, 1])
+    np.subtract(1.0, shares[:, 1], out=shares[:, 0])
+    return np.stack([lower, lower + np.int32(1)], axis=1), shares
 
 
 def hat_products(values: Sequence[Floats], knots: Sequence[Floats]) -> tuple[Short, Floats]:
@@ -50,8 +50,8 @@ def hat_products(values: Sequence[Floats], knots: Sequence[Floats]) -> tuple[Sho
     """
     index, value = np.zeros((len(values[0]), 1), dtype=np.int32), np.ones((len(values[0]), 1))
     for coordinate, nodes in zip(values, knots, strict=True):
-        left, share = hats_not_zero(coordinate, nodes)
-        index = (index * np.int32(nodes.size))[:, :, np.newaxis] + left[:, np.newaxis]
+        lower, share = hats_not_zero(coordinate, nodes)
+        index = (index * np.int32(nodes.size))[:, :, np.newaxis] + lower[:, np.newaxis]
         value = value[:, :, np.newaxis] * share[:, np.newaxis]
         index, value = index.reshape(len(index), -1), value.reshape(len(value), -1)
     return index, value

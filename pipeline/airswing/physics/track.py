@@ -184,21 +184,21 @@ def _make_fixes(
     )
 
 
-def _geodesic(lat: Array, lon: Array, here: Index, there: Index) -> tuple[Array, Array, Array]:
+def _geodesic(lat: Array, lon: Array, start: Index, end: Index) -> tuple[Array, Array, Array]:
     """Azimuth at the first point, azimuth at the second back to the first, and distance."""
-    away, back, length = _WGS84.inv(lon[here], lat[here], lon[there], lat[there])
+    away, back, length = _WGS84.inv(lon[start], lat[start], lon[end], lat[end])
     return np.radians(away), np.radians(back), np.asarray(length, dtype=np.float64)
 
 
 def _same(segment: Index, offset: int) -> Mask:
     """Whether the fix ``offset`` further on belongs to the same unbroken run."""
-    found = np.zeros(segment.size, dtype=bool)
+    same = np.zeros(segment.size, dtype=bool)
     size = segment.size - abs(offset)
     if size > 0:
-        here, there = (slice(0, size), slice(abs(offset), None))
-        linked = segment[here] == segment[there]
-        found[here if offset > 0 else there] = linked
-    return found
+        first, second = (slice(0, size), slice(abs(offset), None))
+        linked = segment[first] == segment[second]
+        same[first if offset > 0 else second] = linked
+    return same
 
 
 def _variances(before: Array, after: Array, density: float) -> tuple[Array, Array]:
@@ -216,9 +216,9 @@ def _variances(before: Array, after: Array, density: float) -> tuple[Array, Arra
         )
         centred = weights[0] ** 2 + weights[1] ** 2 + weights[2] ** 2
         single = 2.0 / total**2
-        both = (before > 0.0) & (after > 0.0)
-        gain = np.where(both, centred, single)
-        wander = density / 3.0 * np.where(both, before * after / total, total)
+        two_sided = (before > 0.0) & (after > 0.0)
+        gain = np.where(two_sided, centred, single)
+        wander = density / 3.0 * np.where(two_sided, before * after / total, total)
     moving = total > 0.0
     return np.where(moving, gain, np.inf), np.where(moving, wander, 0.0)
 
@@ -227,10 +227,10 @@ def _local_speed(fixes: _Fixes) -> Array:
     """Path over elapsed time in the widest window, for the variance; NaN where unknown."""
     reach = ARMS[-1]
     size = fixes.seconds.size
-    here = np.arange(size)
+    index = np.arange(size)
     first = np.searchsorted(fixes.segment, fixes.segment, side="left")
     last = np.searchsorted(fixes.segment, fixes.segment, side="right") - 1
-    start, stop = np.maximum(here - reach, first), np.minimum(here + reach, last)
+    start, stop = np.maximum(index - reach, first), np.minimum(index + reach, last)
     # whole millimetres: the sum is exact, so that it does not depend on the flights before
     steps = np.rint(1e3 * np.nan_to_num(fixes.distance)).astype(np.int64)
     path = np.concatenate([[0], np.cumsum(steps)])
@@ -245,8 +245,8 @@ def _bends(fixes: _Fixes) -> Index:
     bend = np.zeros(fixes.seconds.size, dtype=bool)
     middle = np.flatnonzero(_same(fixes.segment, 1) & _same(fixes.segment, -1))
     with np.errstate(divide="ignore", invalid="ignore"):
-        one, two = 1.0 / fixes.distance[middle - 1], 1.0 / fixes.distance[middle]
-        variance = fixes.position_variance[middle] * ((one + two) ** 2 + one**2 + two**2)
+        a, b = 1.0 / fixes.distance[middle - 1], 1.0 / fixes.distance[middle]
+        variance = fixes.position_variance[middle] * ((a + b) ** 2 + a**2 + b**2)
         change = wrap_signed(fixes.forward[middle] - fixes.backward[middle - 1] - np.pi)
         bend[middle] = np.abs(change) > BEND + 3.0 * np.sqrt(variance)
     return np.cumsum(bend)
@@ -262,42 +262,42 @@ def _widen(fixes: _Fixes, before: Index, after: Index, density: float) -> None:
         when - when[everyone - before], when[everyone + after] - when, density
     )
     # rounding falls as 1/t^2, the random walk grows as t: below this the plain window is the best
-    here = np.flatnonzero(np.isfinite(noise) & (noise * gain > 0.5 * wander))
+    rows = np.flatnonzero(np.isfinite(noise) & (noise * gain > 0.5 * wander))
     bends = _bends(fixes)
     # a report in the middle of a bend keeps its plain window: a wider one would cut the corner
-    straight = bends[here] == bends[np.maximum(here - 1, 0)]
-    best = noise[here] * gain[here] + wander[here]
-    centred = (before[here] > 0) & (after[here] > 0)
-    behind = {arm: _reachable(fixes, bends, here, -arm) for arm in ARMS}
-    ahead = {arm: _reachable(fixes, bends, here, arm) for arm in ARMS}
-    anyone = np.ones(here.size, dtype=bool)
+    straight = bends[rows] == bends[np.maximum(rows - 1, 0)]
+    best = noise[rows] * gain[rows] + wander[rows]
+    centred = (before[rows] > 0) & (after[rows] > 0)
+    behind = {arm: _reachable(fixes, bends, rows, -arm) for arm in ARMS}
+    ahead = {arm: _reachable(fixes, bends, rows, arm) for arm in ARMS}
+    anyone = np.ones(rows.size, dtype=bool)
     # single chords first: any centred window then replaces them
     for back, front in sorted(product((0, *ARMS), repeat=2), key=lambda arms: min(arms) > 0):
-        both = back > 0 and front > 0
+        two_sided = back > 0 and front > 0
         allowed = behind.get(back, anyone) & ahead.get(front, anyone)
         allowed &= straight if max(back, front) > 1 else anyone
-        place = np.flatnonzero(allowed if both else allowed & ~centred)
-        one = when[here[place]] - when[here[place] - back]
-        two = when[here[place] + front] - when[here[place]]
-        gain, wander = _variances(one, two, density)
-        cost = noise[here[place]] * gain + wander
-        timed = (one > 0.0) & (two > 0.0) if both else one + two > 0.0
+        place = np.flatnonzero(allowed if two_sided else allowed & ~centred)
+        arm_1 = when[rows[place]] - when[rows[place] - back]
+        arm_2 = when[rows[place] + front] - when[rows[place]]
+        gain, wander = _variances(arm_1, arm_2, density)
+        cost = noise[rows[place]] * gain + wander
+        timed = (arm_1 > 0.0) & (arm_2 > 0.0) if two_sided else arm_1 + arm_2 > 0.0
         # a centred window replaces a chord to one side at any cost: the chord lags
-        better = timed & ((cost < best[place]) | (both & ~centred[place]))
+        better = timed & ((cost < best[place]) | (two_sided & ~centred[place]))
         place = place[better]
-        best[place], centred[place] = cost[better], both
-        before[here[place]], after[here[place]] = back, front
+        best[place], centred[place] = cost[better], two_sided
+        before[rows[place]], after[rows[place]] = back, front
 
 
-def _reachable(fixes: _Fixes, bends: Index, here: Index, offset: int) -> Mask:
+def _reachable(fixes: _Fixes, bends: Index, rows: Index, offset: int) -> Mask:
     """Whether the fix at an offset is in the same run with no bend strictly between."""
-    found = _same(fixes.segment, offset)[here]
+    reachable = _same(fixes.segment, offset)[rows]
     if abs(offset) > 1:
-        low, high = (here, here + offset - 1) if offset > 0 else (here + offset, here - 1)
+        low, high = (rows, rows + offset - 1) if offset > 0 else (rows + offset, rows - 1)
         size = fixes.seconds.size
         inside = bends[np.clip(high, 0, size - 1)] - bends[np.clip(low, 0, size - 1)]
-        found &= inside == 0
-    return found
+        reachable &= inside == 0
+    return reachable
 
 
 def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> GroundTrack:
@@ -309,8 +309,8 @@ def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> Groun
         share = np.where(before == 0, 0.0, share)
     east, north, climb = (
         # of two chords either may be absent
-        np.select([share == 1.0, share == 0.0], [one, two], share * one + (1.0 - share) * two)
-        for one, two in ((east_1, east_2), (north_1, north_2), (climb_1, climb_2))
+        np.select([share == 1.0, share == 0.0], [back, front], share * back + (1.0 - share) * front)
+        for back, front in ((east_1, east_2), (north_1, north_2), (climb_1, climb_2))
     )
     gain, wander = _variances(arm_1, arm_2, density)
     with np.errstate(invalid="ignore"):
@@ -354,14 +354,14 @@ def _chord(fixes: _Fixes, reach: Index, side: int) -> tuple[Array, Array, Array,
     size = fixes.seconds.size
     distance, azimuth = (np.full(size, np.nan) for _ in range(2))
     # chords to the next fix are known; only wider windows need a geodesic
-    here = np.flatnonzero(reach == 1)
+    rows = np.flatnonzero(reach == 1)
     if side > 0:
-        distance[here], azimuth[here] = fixes.distance[here], fixes.forward[here]
+        distance[rows], azimuth[rows] = fixes.distance[rows], fixes.forward[rows]
     else:
-        distance[here], azimuth[here] = fixes.distance[here - 1], fixes.backward[here - 1]
-    here = np.flatnonzero(reach > 1)
-    azimuth[here], _, distance[here] = _geodesic(
-        fixes.latitude, fixes.longitude, here, here + side * reach[here]
+        distance[rows], azimuth[rows] = fixes.distance[rows - 1], fixes.backward[rows - 1]
+    rows = np.flatnonzero(reach > 1)
+    azimuth[rows], _, distance[rows] = _geodesic(
+        fixes.latitude, fixes.longitude, rows, rows + side * reach[rows]
     )
     everyone = np.arange(size)
     # a reach of zero has no chord: zero over zero is NaN

@@ -60,8 +60,8 @@ def bearing(east: ArrayLike, north: ArrayLike) -> Array:
     NaN for the zero vector, which has no direction.
     """
     u, v = np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
-    found = wrap_positive(np.arctan2(u, v))
-    return np.asarray(np.where((u == 0.0) & (v == 0.0), np.nan, found))
+    angle = wrap_positive(np.arctan2(u, v))
+    return np.asarray(np.where((u == 0.0) & (v == 0.0), np.nan, angle))
 
 
 def speed_of_vector(east: ArrayLike, north: ArrayLike) -> Array:

@@ -120,14 +120,14 @@ def near_turns(
     east, north = straight[0] - wind[0], straight[1] - wind[1]
     airspeed = np.hypot(east, north)
     with np.errstate(divide="ignore", invalid="ignore"):
-        known = np.arctan2(east, north), airspeed, straight[3] / airspeed, straight[2]
+        assumed = np.arctan2(east, north), airspeed, straight[3] / airspeed, straight[2]
     index = np.flatnonzero(_near_turn(legs) & np.isfinite(airspeed) & (airspeed > 0.0))
     if not index.size:
         return NearTurns(index, *(np.zeros(0) for _ in range(4)))
     parts = []
     for start in range(0, index.size, ROWS):
         rows = index[start : start + ROWS]
-        parts.append(_estimates(rows, legs, tuple(values[rows] for values in known)))
+        parts.append(_estimates(rows, legs, tuple(values[rows] for values in assumed)))
     return NearTurns(index, *(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
@@ -188,9 +188,9 @@ def _window(index: Index, legs: _Legs) -> _Window:
     for side in (range(REACH, 2 * REACH), range(REACH - 1, -1, -1)):
         last, turned = base, np.zeros(index.size)
         for k in side:
-            here = np.where(there[:, k], direction[:, k], last)
-            turned = turned + wrap_signed(here - last)
-            off[:, k], last = turned, here
+            course = np.where(there[:, k], direction[:, k], last)
+            turned = turned + wrap_signed(course - last)
+            off[:, k], last = turned, course
     # times of the fixes relative to the report's, in steps of a mean leg without a fix
     times = legs.seconds[fix] - legs.seconds[index][:, None]
     total = np.where(there, np.diff(times, axis=1), 0.0).sum(axis=1)
@@ -202,9 +202,9 @@ def _window(index: Index, legs: _Legs) -> _Window:
         times[:, before] = np.where(there[:, before], times[:, before], times[:, before + 1] - mean)
     speed = np.where(there, legs.speed[leg], 0.0)
     roll = np.where(same, legs.roll[fix], ROLL["missing"])
-    made = _Window(there, times, base, off, np.zeros(leg.shape), speed, roll)
-    spread = np.where(there, legs.error[leg], 1.0) ** 2 + (MISFIT * made.seen[:, None]) ** 2
-    return made._replace(weight=np.where(there, 1.0 / spread, 0.0))
+    window = _Window(there, times, base, off, np.zeros(leg.shape), speed, roll)
+    spread = np.where(there, legs.error[leg], 1.0) ** 2 + (MISFIT * window.seen[:, None]) ** 2
+    return window._replace(weight=np.where(there, 1.0 / spread, 0.0))
 
 
 class _Turns:
@@ -222,7 +222,7 @@ class _Turns:
         self.begin, self.end = nodes[:, first], nodes[:, last]
         self.length = self.end - self.begin
 
-    def gone(self, k: int) -> Single:
+    def completed(self, k: int) -> Single:
         """Part of the turn that is completed at fix `k`."""
         at = self.window.times[:, k : k + 1].astype(np.float32)
         return np.asarray(np.clip((at - self.begin) / self.length, 0.0, 1.0))
@@ -230,18 +230,18 @@ class _Turns:
     @cached_property
     def sums(self) -> list[tuple[Single, Single]]:
         """Integral up to each fix of the completed part, and of its square, each (m, h) s."""
-        found = []
+        out = []
         for k in range(2 * REACH + 1):
             at = self.window.times[:, k : k + 1].astype(np.float32)
-            part = self.gone(k)
+            share = self.completed(k)
             beyond = np.maximum(at - self.end, np.float32(0.0))
-            found.append(
+            out.append(
                 (
-                    np.asarray(part * part * self.length * np.float32(0.5) + beyond, np.float32),
-                    np.asarray(part**3 * self.length * np.float32(1 / 3) + beyond, np.float32),
+                    np.asarray(share * share * self.length * np.float32(0.5) + beyond, np.float32),
+                    np.asarray(share**3 * self.length * np.float32(1 / 3) + beyond, np.float32),
                 )
             )
-        return found
+        return out
 
     def means(self, leg: int) -> tuple[Single, Single]:
         """Mean and mean square over a leg of the completed part."""
@@ -300,12 +300,12 @@ def _fitted(window: _Window, turns: _Turns) -> _Fitted:
     total = chance.sum(axis=1) + level
     # The heading at the report is the initial course plus the completed part of the turn; a lattice
     # step of begin and end adds a uniform error, step^2 / 12.
-    gone = turns.gone(REACH)
+    done = turns.completed(REACH)
     step = (window.duration.max(axis=1, keepdims=True) / NODES).astype(np.float32)
-    within = (gone > 0.0) & (gone < 1.0)
+    within = (done > 0.0) & (done < 1.0)
     lattice = np.where(within, (turn / turns.length * step) ** 2 / np.float32(12.0), 0.0)
-    variance = (sgg - 2.0 * gone * sg + gone * gone * s) / determinant + lattice
-    return _Fitted(turn, before + turn * gone, variance, chance / total[:, None], level / total)
+    variance = (sgg - 2.0 * done * sg + done * done * s) / determinant + lattice
+    return _Fitted(turn, before + turn * done, variance, chance / total[:, None], level / total)
 
 
 def _prior(window: _Window, turns: _Turns, turn: Single) -> Single:
@@ -322,25 +322,25 @@ def _prior(window: _Window, turns: _Turns, turn: Single) -> Single:
     return np.asarray(log, dtype=np.float32)
 
 
-def _estimates(index: Index, legs: _Legs, known: tuple[Array, ...]) -> tuple[Array, ...]:
+def _estimates(index: Index, legs: _Legs, assumed: tuple[Array, ...]) -> tuple[Array, ...]:
     """Heading, airspeed and their standard errors at some reports.
 
-    ``known`` holds the same four of straight flight.
+    ``assumed`` holds the same four of straight flight.
     """
     window = _window(index, legs)
     turns = _Turns(window)
     fit = _fitted(window, turns)
-    known_heading, known_speed, known_heading_error, known_speed_error = known
+    straight_heading, straight_speed, straight_heading_error, straight_speed_error = assumed
     straight, turned = fit.straight, 1.0 - fit.straight
-    apart = wrap_signed(known_heading - window.base)
-    mean = (fit.probability * fit.off).sum(axis=1) + straight * apart
+    offset = wrap_signed(straight_heading - window.base)
+    mean = (fit.probability * fit.off).sum(axis=1) + straight * offset
     variance = (fit.probability * ((fit.off - mean[:, None]) ** 2 + fit.variance)).sum(axis=1)
-    variance += straight * (known_heading_error**2 + (apart - mean) ** 2)
+    variance += straight * (straight_heading_error**2 + (offset - mean) ** 2)
     variance += (SHAPE * window.seen * turned) ** 2
     speed, speed_error = _airspeed(window, turns, fit)
-    airspeed = turned * speed + straight * known_speed
+    airspeed = turned * speed + straight * straight_speed
     speed_variance = turned * (speed_error**2 + (speed - airspeed) ** 2)
-    speed_variance += straight * (known_speed_error**2 + (known_speed - airspeed) ** 2)
+    speed_variance += straight * (straight_speed_error**2 + (straight_speed - airspeed) ** 2)
     heading = np.mod(window.base + mean, 2.0 * np.pi)
     return heading, airspeed, np.sqrt(variance), np.sqrt(speed_variance)
 

@@ -115,8 +115,8 @@ def simulate(
     earth = EarthField(scenario.start, float(scenario.days), box)
     correction = None
     if scenario.field_test is not None:
-        day, chosen = scenario.field_test
-        correction = corrections(faults, earth, scenario.tails, chosen, 24.0 * day)
+        day, corrected = scenario.field_test
+        correction = corrections(faults, earth, scenario.tails, corrected, 24.0 * day)
     units = Units(scenario.tails, faults, scenario.coding, correction)
     reports = observe(flown, flight, step, wind=wind, seed=scenario.seed, field=earth, units=units)
     interval = scenario.interval_hours
@@ -166,8 +166,8 @@ def add_winds(frame: pd.DataFrame, references: Mapping[str, GriddedReference]) -
 def finished(reports: pd.DataFrame, start: datetime) -> pd.DataFrame:
     """Reports sorted by tail and time, with ``time`` (datetime64) and ``pressure`` (Pa)."""
     frame = reports.sort_values(["tail", "hours", "flight"], kind="stable", ignore_index=True)
-    whole = np.round(frame["hours"].to_numpy() * 3600.0).astype("timedelta64[s]")
-    frame["time"] = (np.datetime64(start, "s") + whole).astype("datetime64[ns]")
+    seconds = np.round(frame["hours"].to_numpy() * 3600.0).astype("timedelta64[s]")
+    frame["time"] = (np.datetime64(start, "s") + seconds).astype("datetime64[ns]")
     frame["pressure"] = pressure_from_altitude(frame["altitude"].to_numpy())
     return frame
 
@@ -192,8 +192,8 @@ def write_reports(directory: Path, frame: pd.DataFrame) -> None:
             "icing": frame["icing"],
         }
     )
-    for tail, part in table.groupby("tail", sort=True):
-        part.to_csv(directory / f"{tail}.csv", index=False)
+    for tail, group in table.groupby("tail", sort=True):
+        group.to_csv(directory / f"{tail}.csv", index=False)
 
 
 def write_archive(
@@ -247,8 +247,8 @@ def write_archive(
     usual = float(frame["horizontal"].median())
     for tail, share in (thinned or {}).items():
         flights = frame["flight"][frame["tail"] == tail].unique()
-        kept = flights[: max(1, int(share * flights.size))]
-        frame = frame[(frame["tail"] != tail) | frame["flight"].isin(kept)]
+        flown = flights[: max(1, int(share * flights.size))]
+        frame = frame[(frame["tail"] != tail) | frame["flight"].isin(flown)]
     write_reports(root / "reports", frame)
     for name, stored in references.items():
         write_reference(
@@ -283,11 +283,11 @@ def _config(folder: str, scenario: Scenario, names: list[str], output: str) -> d
     if scenario.interval_hours > 1:
         config["collocation"] = {"max_time_gap": f"{scenario.interval_hours} h"}
     if scenario.field_test is not None:
-        day, chosen = scenario.field_test
+        day, corrected = scenario.field_test
         config["field_test"] = {
             "start": str((scenario.start + timedelta(days=day)).date()),
             "before_start": str(scenario.start.date()),
-            "corrected": list(chosen),
-            "controls": [tail for tail in scenario.tails if tail not in chosen],
+            "corrected": list(corrected),
+            "controls": [tail for tail in scenario.tails if tail not in corrected],
         }
     return config | {"output": output}

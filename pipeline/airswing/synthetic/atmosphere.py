@@ -56,23 +56,23 @@ class Waves:
 
     def at_points(self, x: Array, y: Array, zeta: Array, hours: Array) -> Array:
         """Eastward and northward wind (2, n), m/s, at scattered points (n,)."""
-        found = np.empty((2, x.size))
+        wind = np.empty((2, x.size))
         kx, ky, kz, omega = (k.astype(np.float32) for k in (self.kx, self.ky, self.kz, self.omega))
         pair = np.stack([self.east, self.north], axis=1).astype(np.complex64)
         for first in range(0, x.size, _POINTS_AT_ONCE):
-            part = slice(first, first + _POINTS_AT_ONCE)
+            rows = slice(first, first + _POINTS_AT_ONCE)
             angle = (
-                np.outer(x[part].astype(np.float32), kx)
-                + np.outer(y[part].astype(np.float32), ky)
-                + np.outer(zeta[part].astype(np.float32), kz)
+                np.outer(x[rows].astype(np.float32), kx)
+                + np.outer(y[rows].astype(np.float32), ky)
+                + np.outer(zeta[rows].astype(np.float32), kz)
             )
-            angle -= np.outer(hours[part].astype(np.float32), omega)
+            angle -= np.outer(hours[rows].astype(np.float32), omega)
             wave = np.empty(angle.shape, np.complex64)
             np.cos(angle, out=wave.real)
             np.sin(angle, out=wave.imag)
-            wave *= self.amplitude(hours[part]).astype(np.complex64)
-            found[:, part] = (wave @ pair).real.T
-        return found
+            wave *= self.amplitude(hours[rows]).astype(np.complex64)
+            wind[:, rows] = (wave @ pair).real.T
+        return wind
 
     def on_grid(self, x: Array, y: Array, zeta: Array, hours: Array) -> Fields:
         """Wind (T, 2, L, rows, columns), m/s, at grid points (rows, columns), levels and times."""
@@ -81,13 +81,13 @@ class Waves:
         vertical = np.exp(1j * np.outer(zeta, self.kz))
         factor = self.amplitude(hours) * np.exp(-1j * np.outer(hours, self.omega))
         pair = np.stack([self.east, self.north])
-        found = np.empty((hours.size, 2, zeta.size, x.size), np.float32)
+        wind = np.empty((hours.size, 2, zeta.size, x.size), np.float32)
         for first in range(0, hours.size, _HOURS_AT_ONCE):
-            part = slice(first, first + _HOURS_AT_ONCE)
-            weight = factor[part, None, None, :] * pair[None, :, None, :] * vertical[None, None]
+            block = slice(first, first + _HOURS_AT_ONCE)
+            weight = factor[block, None, None, :] * pair[None, :, None, :] * vertical[None, None]
             flat = np.concatenate([weight.real, weight.imag], axis=-1).astype(np.float32)
-            found[part] = flat @ basis
-        return found.reshape(hours.size, 2, zeta.size, *x.shape)
+            wind[block] = flat @ basis
+        return wind.reshape(hours.size, 2, zeta.size, *x.shape)
 
 
 @dataclass(frozen=True)
@@ -249,8 +249,8 @@ def model_wind(
     )
     # The model resolves half of the mesoscale's amplitude at 250 km wavelength.
     meso = world.mesoscale
-    kept = 1.0 / (1.0 + (250.0 / (2 * np.pi / np.hypot(meso.kx, meso.ky))) ** 4)
-    resolved = replace(meso, east=meso.east * kept, north=meso.north * kept)
+    amplitude = 1.0 / (1.0 + (250.0 / (2 * np.pi / np.hypot(meso.kx, meso.ky))) ** 4)
+    resolved = replace(meso, east=meso.east * amplitude, north=meso.north * amplitude)
     noise += resolved.on_grid(x, y, zeta, hours)
     noise *= _error_growth(zeta).astype(np.float32)[:, None, None]
     noise += large_scale

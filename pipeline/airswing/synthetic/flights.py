@@ -127,10 +127,10 @@ def timetable(
 
 
 def _routes(rng: np.random.Generator, network: Network, hub: str) -> tuple[list[str], Array]:
-    here = network.airports[hub]
+    place = network.airports[hub]
     names, bearings = [], []
     for code, (lat, lon) in network.airports.items():
-        azimuth, _, length = GEOD.inv(here[1], here[0], lon, lat)
+        azimuth, _, length = GEOD.inv(place[1], place[0], lon, lat)
         if network.legs[0] * 1e3 <= length <= network.legs[1] * 1e3:
             names.append(code)
             bearings.append(azimuth)
@@ -184,7 +184,7 @@ def fly(table: Timetable, wind: Wind, *, seed: int) -> Flown:
     phase = np.full(flights, ASCENT, np.int8)
     altitude, rate = np.zeros(flights), np.zeros(flights)
     speed = np.full(flights, 68.0)  # m/s at take-off
-    kept: list[list[NDArray[Any]]] = []
+    states: list[list[NDArray[Any]]] = []
     breeze = np.zeros((2, flights))
     for step in range(1500):  # over four hours: the longest leg is shorter
         alive = phase > 0
@@ -196,9 +196,9 @@ def fly(table: Timetable, wind: Wind, *, seed: int) -> Flown:
             breeze[:, alive] = wind(lat[alive], lon[alive], altitude[alive], hours[alive])
         bank = np.arctan(rate * speed / _G)
         now = (lat, lon, altitude, speed * np.sin(track), speed * np.cos(track), bank, phase)
-        kept.append([values.copy() for values in now])
-        aim, left = _course(lat, lon, targets[stage, np.arange(flights)])
-        passed = (stage < 2) & (left < np.where(stage == 0, 4500.0, 5500.0))
+        states.append([values.copy() for values in now])
+        aim, remaining = _course(lat, lon, targets[stage, np.arange(flights)])
+        passed = (stage < 2) & (remaining < np.where(stage == 0, 4500.0, 5500.0))
         stage = np.where(passed, stage + 1, stage)
         _, home = _course(lat, lon, table.destination)
         # The way over the fix and its turns is longer than the straight one.
@@ -239,11 +239,11 @@ def fly(table: Timetable, wind: Wind, *, seed: int) -> Flown:
         level = (phase == ASCENT) & (altitude >= table.cruise_altitude)
         down = (phase != DESCENT) & alive & (altitude > 500) & (sink < altitude)
         phase = np.where(down, DESCENT, np.where(level, CRUISE, phase))
-        landed = (phase == DESCENT) & ((altitude < 250.0) | ((stage == 2) & (left < 4000.0)))
+        landed = (phase == DESCENT) & ((altitude < 250.0) | ((stage == 2) & (remaining < 4000.0)))
         phase = np.where(landed, 0, phase).astype(np.int8)
     names = ("latitude", "longitude", "altitude", "east", "north", "bank", "phase")
     steps = {
-        name: np.stack(rows) for name, rows in zip(names, zip(*kept, strict=True), strict=True)
+        name: np.stack(rows) for name, rows in zip(names, zip(*states, strict=True), strict=True)
     }
     return Flown(departure=table.departure, aircraft=table.aircraft, **steps)
 
@@ -324,7 +324,7 @@ def tour(wind: Wind, *, aircraft: int, seed: int) -> Flown:
     courses = np.stack([rng.permutation(even + rng.uniform(0, 360.0)) for _ in range(aircraft)])
     shape = (legs, steps + 2, aircraft)
     names = ("latitude", "longitude", "altitude", "east", "north")
-    kept = {name: np.zeros(shape) for name in names}
+    flown = {name: np.zeros(shape) for name in names}
     phase = np.zeros(shape, np.int8)
     phase[:, _SILENT:steps] = CRUISE
     start = _HOURS[0] + np.arange(legs) * _LEG_MINUTES / 60.0
@@ -337,16 +337,16 @@ def tour(wind: Wind, *, aircraft: int, seed: int) -> Flown:
         begin = [np.broadcast_to(values, along.shape) for values in (lon, lat, courses[:, leg])]
         places = GEOD.fwd(begin[0], begin[1], begin[2], along)
         track = np.radians(np.asarray(places[2]) + 180.0)
-        kept["longitude"][leg], kept["latitude"][leg] = places[0], places[1]
-        kept["altitude"][leg] = level
-        kept["east"][leg], kept["north"][leg] = speed * np.sin(track), speed * np.cos(track)
-        lon, lat = kept["longitude"][leg, steps], kept["latitude"][leg, steps]
+        flown["longitude"][leg], flown["latitude"][leg] = places[0], places[1]
+        flown["altitude"][leg] = level
+        flown["east"][leg], flown["north"][leg] = speed * np.sin(track), speed * np.cos(track)
+        lon, lat = flown["longitude"][leg, steps], flown["latitude"][leg, steps]
 
     def ordered(values: NDArray[Any]) -> NDArray[Any]:
         return np.ascontiguousarray(values.transpose(1, 2, 0).reshape(steps + 2, -1))
 
     return Flown(
-        **{name: ordered(values) for name, values in kept.items()},
+        **{name: ordered(values) for name, values in flown.items()},
         bank=np.zeros((steps + 2, aircraft * legs)),
         phase=ordered(phase),
         departure=np.tile(start, aircraft),

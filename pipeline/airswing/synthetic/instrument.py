@@ -77,7 +77,7 @@ class EarthField:
             when = start + timedelta(days=span)
             with contextlib.redirect_stdout(io.StringIO()):
                 parts = ppigrf.igrf(columns.ravel(), rows.ravel(), _HEIGHT_KM, when)
-            east_, north_, up = (np.asarray(part).reshape(rows.shape) for part in parts)
+            east_, north_, up = (np.asarray(component).reshape(rows.shape) for component in parts)
             ends.append(np.stack([east_, north_, -up], axis=-1))
         self._first = RegularGridInterpolator((lat, lon), ends[0])
         self._change = RegularGridInterpolator((lat, lon), ends[1] - ends[0])
@@ -158,9 +158,9 @@ def coded(
     """Direction (degrees, (0, 360], 0 for a calm) and speed (kt) of a wind (m/s), in steps."""
     speed = np.hypot(eastward, northward) * 3600.0 / 1852.0
     direction = np.degrees(np.arctan2(-eastward, -northward)) % 360.0
-    whole = np.round(np.round(direction / direction_step) * direction_step, 9) % 360.0
+    degrees = np.round(np.round(direction / direction_step) * direction_step, 9) % 360.0
     strength = np.round(np.round(speed / speed_step) * speed_step, 9)
-    return np.where(strength == 0, 0.0, np.where(whole == 0, 360.0, whole)), strength
+    return np.where(strength == 0, 0.0, np.where(degrees == 0, 360.0, degrees)), strength
 
 
 def deviation_curve(horizontal: float, down: float, unit: Unit) -> dict[str, float]:
@@ -178,8 +178,8 @@ def deviation_curve(horizontal: float, down: float, unit: Unit) -> dict[str, flo
     waves = [np.ones(720), np.sin(even), np.cos(even), np.sin(2 * even), np.cos(2 * even)]
     basis = np.stack(waves, axis=1)
     values = np.linalg.lstsq(basis, curve, rcond=None)[0]
-    found = {name: float(value) for name, value in zip("ABCDE", values, strict=True)}
-    return found | {"residual_rms": float(np.sqrt(np.mean((curve - basis @ values) ** 2)))}
+    coefficients = {name: float(value) for name, value in zip("ABCDE", values, strict=True)}
+    return coefficients | {"residual_rms": float(np.sqrt(np.mean((curve - basis @ values) ** 2)))}
 
 
 @dataclass(frozen=True)
@@ -193,13 +193,13 @@ class Fault:
 
     def value(self, key: str, default: float = 0.0) -> float:
         """One parameter as a number, or the default."""
-        found = self.given(key)
-        return default if found is None else found
+        number = self.optional(key)
+        return default if number is None else number
 
-    def given(self, key: str) -> float | None:
+    def optional(self, key: str) -> float | None:
         """One parameter as a number; None where it is absent."""
-        found = self.parameters.get(key)
-        return None if found is None else float(found)
+        number = self.parameters.get(key)
+        return None if number is None else float(number)
 
     def cycle(self) -> tuple[float, float]:
         """Sine and cosine coefficient of the cycle, radians."""
@@ -249,8 +249,8 @@ def _adds(quantity: str, parameter: str, unit: float = 1.0) -> UnitFault:
 
 def _adds_cycle(name: str) -> UnitFault:
     def add(setting: Setting, fault: Fault, where: Mask) -> None:
-        for part, size in zip(("sine", "cosine"), fault.cycle(), strict=True):
-            getattr(setting.unit, f"{name}_{part}")[where] += size
+        for axis, size in zip(("sine", "cosine"), fault.cycle(), strict=True):
+            getattr(setting.unit, f"{name}_{axis}")[where] += size
 
     return add
 
@@ -356,23 +356,23 @@ def parse_faults(
         when = when.replace(tzinfo=UTC) if when.tzinfo is None else when
         return (when - start.replace(tzinfo=UTC)).total_seconds() / 3600.0
 
-    known = {*UNIT_FAULTS, *_OTHER_FAULTS}
-    found = []
+    names = {*UNIT_FAULTS, *_OTHER_FAULTS}
+    faults = []
     for effect in effects:
         name, who = str(effect.get("name")), effect.get("tails")
-        if name not in known:
+        if name not in names:
             raise InputError(
-                "unknown effect", field="name", found=name, remedy=f"one of {sorted(known)}"
+                "unknown effect", field="name", found=name, remedy=f"one of {sorted(names)}"
             )
-        chosen = None if who is None or who == "all" else tuple(str(tail) for tail in who)
-        missing = [tail for tail in chosen or () if tail not in tails]
+        affected = None if who is None or who == "all" else tuple(str(tail) for tail in who)
+        missing = [tail for tail in affected or () if tail not in tails]
         if missing:
             raise InputError("unknown aircraft", field="tails", found=str(missing))
         when = effect.get("period") or (None, None)
         begin, end = (when, None) if isinstance(when, str) else when
         period = hours(begin, -np.inf), hours(end, np.inf)
-        found.append(Fault(name, chosen, effect.get("parameters") or {}, period))
-    return found
+        faults.append(Fault(name, affected, effect.get("parameters") or {}, period))
+    return faults
 
 
 def acts(fault: Fault, tail: NDArray[np.int64], hours: Array, tails: Sequence[str]) -> Mask:
@@ -393,7 +393,7 @@ def apply_unit_faults(setting: Setting, faults: Sequence[Fault], tails: Sequence
 
 def reference_changes(faults: Sequence[Fault], names: Sequence[str]) -> dict[str, ReferenceChange]:
     """Changes of each model, by name; a fault with ``references`` acts on those alone."""
-    found = {}
+    changes = {}
     for name in names:
         change = ReferenceChange()
         for fault in faults:
@@ -403,12 +403,12 @@ def reference_changes(faults: Sequence[Fault], names: Sequence[str]) -> dict[str
                 change = replace(
                     change,
                     speed_percent=fault.value("bias_percent"),
-                    above_hpa=fault.given("above_hPa"),
-                    below_hpa=fault.given("below_hPa"),
+                    above_hpa=fault.optional("above_hPa"),
+                    below_hpa=fault.optional("below_hPa"),
                 )
             elif fault.name == "reference_time_offset":
                 change = replace(change, offset_hours=fault.value("offset_h"))
             elif fault.name == "reference_grid_relative":
                 change = replace(change, unrotated=fault.value("fraction", 1.0))
-        found[name] = change
-    return found
+        changes[name] = change
+    return changes

@@ -93,20 +93,20 @@ def observe(
     ``made`` numbers the reports identically with and without effects.
     """
     tail, tails, faults = flown.aircraft[flight], units.tails, units.faults
-    here = _state(flown, flight, step.astype(float), wind, field)
+    state = _state(flown, flight, step.astype(float), wind, field)
     lag = np.zeros(step.size)  # delay of each wind after its position and time, steps
     for fault in faults:
         if fault.name == "time_lag":
-            lag[acts(fault, tail, here["hours"], tails)] += fault.value("offset_s") / STEP
+            lag[acts(fault, tail, state["hours"], tails)] += fault.value("offset_s") / STEP
     late = lag != 0
-    used = here
+    used = state
     if late.any():
         past = _state(flown, flight[late], np.maximum(step - lag, 0.0)[late], wind, field)
-        used = {name: values.copy() for name, values in here.items()}
+        used = {name: values.copy() for name, values in state.items()}
         for name, values in past.items():
             used[name][late] = values
-    temperature, icing = _weather(here, seed)
-    latitude, longitude = here["latitude"], here["longitude"]
+    temperature, icing = _weather(state, seed)
+    latitude, longitude = state["latitude"], state["longitude"]
     box = (latitude.min(), latitude.max(), longitude.min(), longitude.max())
     setting = Setting(
         tail=tail,
@@ -115,16 +115,16 @@ def observe(
         phase=flown.phase[step, flight].astype(np.int64),
         box=tuple(map(float, box)),  # type: ignore[arg-type]
         magnetic=used["heading"] - used["declination"],
-        **{part.name: used[part.name] for part in fields(Setting) if part.name in used},
+        **{f.name: used[f.name] for f in fields(Setting) if f.name in used},
     )
     apply_unit_faults(setting, faults, tails)
     heading, airspeed = _indicated(used, setting, seed, units)
     u, v = compute_wind(used["east"], used["north"], airspeed, heading)
     exact = {"aircraft": tail, "flight": flight, "phase": flown.phase[step, flight]}
     exact |= {"icing": icing.astype(np.int8), "heading": heading, "airspeed": airspeed}
-    exact |= {name: here[column] for name, column in TRUTH.items()}
-    exact |= {"dip": np.arctan2(here["down"], here["horizontal"]), "temperature": temperature}
-    return _reported(pd.DataFrame(exact), here, u, v, units, seed)
+    exact |= {name: state[column] for name, column in TRUTH.items()}
+    exact |= {"dip": np.arctan2(state["down"], state["horizontal"]), "temperature": temperature}
+    return _reported(pd.DataFrame(exact), state, u, v, units, seed)
 
 
 def _state(
@@ -200,11 +200,11 @@ def _indicated(
 
 
 def _reported(
-    frame: pd.DataFrame, here: dict[str, Array], u: Array, v: Array, units: Units, seed: int
+    frame: pd.DataFrame, state: dict[str, Array], u: Array, v: Array, units: Units, seed: int
 ) -> pd.DataFrame:
     """Add the coded columns (the message) and the number a report was made with."""
     tails, faults, coding = units.tails, units.faults, units.coding
-    tail, hours = frame["aircraft"].to_numpy(), here["hours"]
+    tail, hours = frame["aircraft"].to_numpy(), state["hours"]
     number = hours.size
     frame["made"] = np.arange(number)
     frame["computed_u"], frame["computed_v"] = u, v
@@ -222,7 +222,7 @@ def _reported(
         "position": np.full(number, coding.position_arcmin / 60.0),
         "time": np.full(number, coding.time_s),
     }
-    altitude, named = here["altitude"].copy(), tail.copy()
+    altitude, named = state["altitude"].copy(), tail.copy()
     for fault in faults:
         where = acts(fault, tail, hours, tails)
         if fault.name == "altitude_offset":
@@ -256,8 +256,8 @@ def _reported(
     seconds = np.floor(hours * 3600.0 / steps["time"] + 1e-6) * steps["time"]  # cut, not rounded
     frame["tail"] = np.array(tails)[named]
     frame["hours"] = seconds / 3600.0
-    frame["latitude"] = np.round(here["latitude"] / steps["position"]) * steps["position"]
-    frame["longitude"] = np.round(here["longitude"] / steps["position"]) * steps["position"]
+    frame["latitude"] = np.round(state["latitude"] / steps["position"]) * steps["position"]
+    frame["longitude"] = np.round(state["longitude"] / steps["position"]) * steps["position"]
     frame["altitude"] = np.round(altitude / 3.048) * 3.048  # tens of feet
     frame["direction"], frame["speed"] = direction, speed
     frame["u"], frame["v"] = -metres * np.sin(radians), -metres * np.cos(radians)

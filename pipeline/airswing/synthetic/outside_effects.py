@@ -64,15 +64,15 @@ def report_variables(
 
     east, north, heading = column("ground_u"), column("ground_v"), column("heading")
     track = np.arctan2(east, north)
-    found = {
+    columns = {
         name: column(name)
         for name in ("icing", "phase", "airspeed", "temperature", "bank", "acceleration")
     }
-    found |= {name: column(f"true_{name}") for name in ("latitude", "longitude", "altitude")}
+    columns |= {name: column(f"true_{name}") for name in ("latitude", "longitude", "altitude")}
     _, flight = np.unique(np.asarray(frame["flight"]), return_inverse=True)
     begin = np.full(flight.max(initial=-1) + 1, np.inf)
     np.minimum.at(begin, flight, hours)
-    return found | {
+    return columns | {
         "heading": heading,
         "magnetic_heading": heading - column("declination"),
         "track": track,
@@ -127,12 +127,12 @@ def part_values(part: Value, variables: Variables) -> Array:
     return form(value, away, name in CYCLIC, float(part.get("width", 0.1)))
 
 
-def _product(parameters: Value, variables: Variables, chosen: Mask) -> tuple[Array, Mask]:
-    """Product of the parts of an effect, and the chosen reports (n,) on which it acts."""
+def _product(parameters: Value, variables: Variables, selected: Mask) -> tuple[Array, Mask]:
+    """Product of the parts of an effect, and the selected reports (n,) on which it acts."""
     if not parameters.get("parts"):
-        return np.ones(chosen.size), chosen.copy()
+        return np.ones(selected.size), selected.copy()
     parts = [part_values(part, variables) for part in parameters["parts"]]
-    product = np.prod(parts, axis=0) * chosen
+    product = np.prod(parts, axis=0) * selected
     size = np.abs(product)
     return product, np.asarray(size > LEAST_SHARE * max(float(size.max(initial=0.0)), 1e-12))
 
@@ -150,14 +150,14 @@ def component_axes(
 
 
 def _mean_effect(
-    parameters: Value, u: Array, v: Array, variables: Variables, chosen: Mask
+    parameters: Value, u: Array, v: Array, variables: Variables, selected: Mask
 ) -> Winds:
     component = str(parameters["component"])
     if component not in COMPONENTS:
         raise ValueError(f"no component {component}")
-    shape, here = _product(parameters, variables, chosen)
+    shape, acting = _product(parameters, variables, selected)
     lever = np.hypot(u, v) if component in ("speed", "direction") else np.ones_like(u)
-    size = float(np.sqrt(np.mean((shape * lever)[here] ** 2))) if here.any() else 0.0
+    size = float(np.sqrt(np.mean((shape * lever)[acting] ** 2))) if acting.any() else 0.0
     if size <= 0.0:
         return u, v
     amount = float(parameters["sign"]) * float(parameters["size_m_s"]) / size * shape
@@ -209,21 +209,22 @@ def effect_change(
     u: Array,
     v: Array,
     variables: Variables,
-    chosen: Mask,
+    selected: Mask,
     rng: np.random.Generator,
 ) -> Array:
     """Change (n, 2), m/s, that an effect makes to the wind u, v that a unit computed.
 
     An effect on the mean has ``component`` (of `COMPONENTS`), ``parts`` (see `part_values`),
     ``size_m_s`` (root mean square where it acts) and ``sign``; an effect of scatter ``kind`` (of
-    `SCATTER`), its values, and ``parts`` where it acts on some reports only. ``chosen`` (n,) are
+    `SCATTER`), its values, and ``parts`` where it acts on some reports only. ``selected`` (n,) are
     the reports of its aircraft and period.
     """
     if "kind" in parameters:
-        new, here = _scattered(parameters, u, v, rng), _product(parameters, variables, chosen)[1]
+        new = _scattered(parameters, u, v, rng)
+        acting = _product(parameters, variables, selected)[1]
     else:
-        new, here = _mean_effect(parameters, u, v, variables, chosen), np.ones(u.size, bool)
-    return np.where(here[:, None], np.stack([new[0] - u, new[1] - v], axis=-1), 0.0)
+        new, acting = _mean_effect(parameters, u, v, variables, selected), np.ones(u.size, bool)
+    return np.where(acting[:, None], np.stack([new[0] - u, new[1] - v], axis=-1), 0.0)
 
 
 LEAST_ENERGY = 400.0
@@ -250,16 +251,16 @@ def outside_truth(
     u, v = frame["computed_u"].to_numpy(float), frame["computed_v"].to_numpy(float)
     variables = report_variables(frame, u, v, frame["hours"].to_numpy(float))
     parameters, tails, period = effect["parameters"], effect["tails"], effect["period"]
-    chosen = np.ones(len(frame), bool)
+    selected = np.ones(len(frame), bool)
     if tails is not None:
-        chosen &= np.isin(frame["tail"].to_numpy(str), np.array(tails))
+        selected &= np.isin(frame["tail"].to_numpy(str), np.array(tails))
     if period is not None:
-        chosen &= frame["time"].to_numpy() >= np.datetime64(period[0])
-    change = effect_change(parameters, u, v, variables, chosen, np.random.default_rng(seed))
-    moved = np.hypot(*change.T)
-    acts = moved > 0.05 * moved.max(initial=0.0)
-    size = float(np.sqrt((moved[acts] ** 2).mean())) if acts.any() else 0.0
-    affected = {name: values[chosen] for name, values in variables.items()}
+        selected &= frame["time"].to_numpy() >= np.datetime64(period[0])
+    change = effect_change(parameters, u, v, variables, selected, np.random.default_rng(seed))
+    lengths = np.hypot(*change.T)
+    acts = lengths > 0.05 * lengths.max(initial=0.0)
+    size = float(np.sqrt((lengths[acts] ** 2).mean())) if acts.any() else 0.0
+    affected = {name: values[selected] for name, values in variables.items()}
     component = str(parameters["component"])
     signed = signed_size(change, u, v, variables["heading"], component)
     named = 0.0
@@ -271,7 +272,7 @@ def outside_truth(
         acting += ["wind_direction", "wind_speed"]
     elif parameters.get("kind") in ("floor", "ceiling", "hole"):
         acting.append("wind_speed")
-    carried = carried_by(signed[chosen], affected)
+    carried = carried_by(signed[selected], affected)
     return {
         "component": component,
         "shape": str(parameters.get("kind", parameters["shape"])),
@@ -318,8 +319,8 @@ def named_share(
     if total == 0.0:
         return 0.0
     explained = 0.0
-    for one in np.unique(aircraft[np.any(change != 0.0, axis=1)]):
-        rows = aircraft == one
+    for number in np.unique(aircraft[np.any(change != 0.0, axis=1)]):
+        rows = aircraft == number
         forms = _named_forms({k: values[rows] for k, values in variables.items()}, u[rows], v[rows])
         design = forms.reshape(len(forms), -1).T
         target = change[rows].ravel()
@@ -341,7 +342,7 @@ def signed_size(change: Array, u: Array, v: Array, heading: Array, component: st
 def carried_by(size: Array, variables: Mapping[str, Array]) -> dict[str, float]:
     """Share of the sum of squares of a signed size that a function of each variable could make."""
     total = float((size**2).sum())
-    found = {}
+    shares = {}
     for name, values in variables.items():
         if name in FLAGS:
             bins = values.astype(np.int64) + 1
@@ -352,5 +353,5 @@ def carried_by(size: Array, variables: Mapping[str, Array]) -> dict[str, float]:
             bins = np.searchsorted(np.quantile(values, np.linspace(0, 1, BINS + 1)[1:-1]), values)
         # Energy of the means of bins: that of the best step function of the variable.
         energy = np.bincount(bins, size) ** 2 / np.maximum(np.bincount(bins), 1)
-        found[name] = float(energy.sum()) / total if total > 0.0 else 0.0
-    return found
+        shares[name] = float(energy.sum()) / total if total > 0.0 else 0.0
+    return shares

@@ -29,7 +29,7 @@ _UNITS = {
 
 
 def _effects() -> list[dict[str, object]]:
-    found: list[dict[str, object]] = []
+    effects: list[dict[str, object]] = []
     for tail, (offset, amplitude, phase, scale) in _UNITS.items():
         sizes: dict[str, dict[str, float]] = {
             "compass_offset": {"offset_deg": offset},
@@ -38,8 +38,8 @@ def _effects() -> list[dict[str, object]]:
         }
         if tail == "N403":
             sizes["soft_iron"] = {"amplitude_deg": 1.6, "phase_deg": 60.0}
-        found += [{"name": n, "tails": [tail], "parameters": size} for n, size in sizes.items()]
-    return found
+        effects += [{"name": n, "tails": [tail], "parameters": size} for n, size in sizes.items()]
+    return effects
 
 
 EFFECTS = _effects()

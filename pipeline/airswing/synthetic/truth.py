@@ -122,7 +122,7 @@ def corrections(
     faults: Sequence[Fault],
     earth: EarthField,
     tails: Sequence[str],
-    chosen: Sequence[str],
+    corrected: Sequence[str],
     start: float,
 ) -> Correction:
     """Eight-point tables to 0.1 degree, as loaded after an earlier swing."""
@@ -131,7 +131,7 @@ def corrections(
     _, horizontal, down = (float(value[0]) for value in earth.at(*middle))
     nodes = np.radians(np.arange(0.0, 360.0, 45.0))
     tables = {}
-    for tail in chosen:
+    for tail in corrected:
         index = list(tails).index(tail)
         curve = deviation_curve(horizontal, down, unit_of(index, faults, tails, horizontal, down))
         error = curve["A"] + curve["B"] * np.sin(nodes) + curve["C"] * np.cos(nodes)
@@ -193,5 +193,5 @@ def save_truth(
 ) -> None:
     """Write ``truth.json``; ``corrected`` are the aircraft that apply a table in the field test."""
     folder.mkdir(parents=True, exist_ok=True)
-    whole = {**record, "seed": seed, "start": start.isoformat(), "corrected": corrected}
-    (folder / "truth.json").write_text(json.dumps(whole, indent=1), encoding="utf-8")
+    content = {**record, "seed": seed, "start": start.isoformat(), "corrected": corrected}
+    (folder / "truth.json").write_text(json.dumps(content, indent=1), encoding="utf-8")

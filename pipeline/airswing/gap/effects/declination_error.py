@@ -54,7 +54,7 @@ class DeclinationError(HeadingEffect):
     draw = Draw(
         _table,
         ("mean_deg",),
-        whose="fleet",
+        scope="fleet",
         compared=("mean_deg",),
     )
     distinguished_by = {

@@ -31,7 +31,7 @@ class ReferenceGridRelative(ProportionalEffect):
         Signed("fraction"),
         ("fraction",),
         limit=1.0,
-        whose="fleet",
+        scope="fleet",
         compared=("fraction",),
     )
     physics = (

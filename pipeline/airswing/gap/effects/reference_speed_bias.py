@@ -54,7 +54,7 @@ class ReferenceSpeedBias(Effect):
     draw = Draw(
         _above,
         ("bias_percent",),
-        whose="fleet",
+        scope="fleet",
         form=_below,
         acts=_at_levels,
         compared=("bias_percent",),

@@ -24,7 +24,7 @@ class ReferenceTimeOffset(ProportionalEffect, WindEffect):
     draw = Draw(
         Signed("offset_h"),
         ("offset_h",),
-        whose="fleet",
+        scope="fleet",
         compared=("offset_h",),
     )
     physics = (

@@ -119,8 +119,8 @@ def _counts(number: int, rungs: Sequence[int]) -> dict[int, int]:
     total = sum(RUNGS[rung] for rung in rungs)
     exact = {rung: number * RUNGS[rung] / total for rung in rungs}
     counts = {rung: int(value) for rung, value in exact.items()}
-    left = sorted(exact, key=lambda rung: counts[rung] - exact[rung])
-    for rung in left[: number - sum(counts.values())]:
+    by_remainder = sorted(exact, key=lambda rung: counts[rung] - exact[rung])
+    for rung in by_remainder[: number - sum(counts.values())]:
         counts[rung] += 1
     return counts
 
@@ -160,8 +160,8 @@ class _Dealer:
     ) -> None:
         self.rung, self.rng, self.seed, self.size, self._draws = rung, rng, seed, size, draws
         self._sizes = [value for value in size.sizes if value >= 0.4]
-        alone = {name: how for name, how in draws.items() if how.whose != "pair"}
-        real = {name: how for name, how in draws.items() if how.on_real_data} or alone
+        alone = {name: draw for name, draw in draws.items() if draw.scope != "pair"}
+        real = {name: draw for name, draw in draws.items() if draw.on_real_data} or alone
         # the order of these is that of the draws from the generator
         self._single = _Deck(draws, size.sizes, rng)
         self._removed = _Deck(alone, [0.8], rng)
@@ -174,11 +174,11 @@ class _Dealer:
         """The cases, those without effect first."""
         # Archives without effects are equal where their worlds are: each has another world.
         worlds = max(nulls, -(-count // _CASES_PER_WORLD))
-        found = []
+        out = []
         for index in range(count):
             case = Case("", self.rung, "null", self._world(index, worlds))
-            found.append(case if index < nulls else self._with_effect(case, index))
-        return found
+            out.append(case if index < nulls else self._with_effect(case, index))
+        return out
 
     def _world(self, index: int, worlds: int) -> World:
         kind = "hard" if self.rung == 2 else "default"
@@ -208,16 +208,17 @@ class _Dealer:
 
     def _pair(self, case: Case) -> Case:
         first, size, _ = self._paired.deal()
-        second, other, _ = self._paired.deal()
+        second, size_2, _ = self._paired.deal()
         while second == first:
-            second, other, _ = self._paired.deal()
+            second, size_2, _ = self._paired.deal()
         self._number += 1
-        one = self._draw(first, size, case.world)
-        same = self._number % 2 and self._draws[second].whose != "fleet"
-        among = one.tails if same else None
-        two = self._draw(second, other, case.world, among=among)
+        drawn = [self._draw(first, size, case.world)]
+        same = self._number % 2 and self._draws[second].scope != "fleet"
+        among = drawn[0].tails if same else None
+        drawn.append(self._draw(second, size_2, case.world, among=among))
         variant = "apart" if among is None else "same aircraft"
-        return replace(case, kind="pair", drawn=(one, two), sizes=(size, other), variant=variant)
+        sizes = size, size_2
+        return replace(case, kind="pair", drawn=tuple(drawn), sizes=sizes, variant=variant)
 
     def _outside(self, case: Case) -> Case:
         if not self._shapes:
@@ -249,38 +250,38 @@ class _Dealer:
         among: Sequence[str] | None = None,
     ) -> Drawn:
         step = SIZES.index(strength) if strength in SIZES else 1
-        how = self._draws[name]
-        return draw_effect(name, how, self.rng, world, step=step, among=among, variant=variant)
+        draw = self._draws[name]
+        return draw_effect(name, draw, self.rng, world, step=step, among=among, variant=variant)
 
 
 def draw_outside(rng: np.random.Generator, world: World, *, shape: str, size: float) -> Injected:
     """Draw one outside effect of a shape (`OUTSIDE_SHAPES`) and root mean square ``size``, m/s."""
     scope = str(rng.choice(("one", "some", "all")))
-    chosen = None
+    affected = None
     if scope != "all":
         tails = world.tails
         number = 1 if scope == "one" else int(rng.integers(2, max(3, len(tails) // 2) + 1))
-        chosen = sorted(str(tail) for tail in rng.choice(tails, number, replace=False))
+        affected = sorted(str(tail) for tail in rng.choice(tails, number, replace=False))
     parameters = _scatter(rng, size) if shape == "scatter" else _moving(rng, shape, size)
     period = None
     if world.days > 14 and rng.uniform() < _LAST_WEEK:
         period = [(START + timedelta(days=world.days - 7)).isoformat(), None]
-    return {"name": "outside", "tails": chosen, "parameters": parameters, "period": period}
+    return {"name": "outside", "tails": affected, "parameters": parameters, "period": period}
 
 
 def _moving(rng: np.random.Generator, shape: str, size: float) -> dict[str, object]:
     component = str(rng.choice(COMPONENTS))
     first = _variable(rng, component, shape)
     if shape == "product":
-        second = _variable(rng, component, shape, other=first)
-        parts = [_part(rng, first, "linear"), _part(rng, second, "linear")]
+        second = _variable(rng, component, shape, excluded=first)
+        parts = [_draw_part(rng, first, "linear"), _draw_part(rng, second, "linear")]
     elif shape == "threshold":
-        second = _variable(rng, component, shape, other=first, flags=True)
+        second = _variable(rng, component, shape, excluded=first, flags=True)
         acting = str(rng.choice(["hinge", "bump", "saw"]))
         opened = str(rng.choice(["step", "sector"]))
-        parts = [_part(rng, first, acting), _part(rng, second, opened)]
+        parts = [_draw_part(rng, first, acting), _draw_part(rng, second, opened)]
     else:
-        parts = [_part(rng, first, shape)]
+        parts = [_draw_part(rng, first, shape)]
     return {
         "component": component,
         "parts": parts,
@@ -295,7 +296,7 @@ def _variable(
     component: str,
     shape: str,
     *,
-    other: str | None = None,
+    excluded: str | None = None,
     flags: bool = False,
 ) -> str:
     able = [name for name in VARIABLES if name not in FLAGS or flags or shape == "step"]
@@ -304,12 +305,12 @@ def _variable(
         dated = shape in ("step", "hinge", "sector")
         able = [name for name in able if name != "icing" and not (dated and name == "date")]
     for group in ALIKE:
-        if other in group:
+        if excluded in group:
             able = [name for name in able if name not in group]
-    return str(rng.choice([name for name in able if name != other]))
+    return str(rng.choice([name for name in able if name != excluded]))
 
 
-def _part(rng: np.random.Generator, variable: str, shape: str) -> dict[str, object]:
+def _draw_part(rng: np.random.Generator, variable: str, shape: str) -> dict[str, object]:
     if variable in FLAGS:
         value = 1.0 if variable == "icing" else float(rng.choice(_PHASES))
         return {"variable": variable, "shape": "flag", "equals": value}
@@ -339,6 +340,6 @@ def _scatter(rng: np.random.Generator, size: float) -> dict[str, object]:
         values["direction_step_deg"] = float(rng.choice([30.0, 45.0, 90.0]))
     else:
         variable = _variable(rng, "scatter", "step")
-        values["parts"] = [_part(rng, variable, str(rng.choice(["step", "sector"])))]
+        values["parts"] = [_draw_part(rng, variable, str(rng.choice(["step", "sector"])))]
         values |= {"size_m_s": 2.0 * size} if kind == "jitter" else {"fraction": 0.02 * (1 + size)}
     return values

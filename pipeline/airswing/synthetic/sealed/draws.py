@@ -70,7 +70,7 @@ class Draw:
     ladder: tuple[dict[str, float], ...] = ()  # four steps in place of the four sizes
     form: Unit | None = None  # parameters that another form of the effect adds
     # drawn aircraft, all of them (or the model), or two that exchange
-    whose: Literal["aircraft", "fleet", "pair"] = "aircraft"
+    scope: Literal["aircraft", "fleet", "pair"] = "aircraft"
     # begins at a date: never, in one variant (in the last week), or always
     dated: Literal["never", "late", "always"] = "never"
     grows: bool = False  # its strength grows with the length of the archive
@@ -82,7 +82,7 @@ class Draw:
     @property
     def variants(self) -> tuple[str, ...]:
         """``plain``, ``fleet`` (all aircraft), ``form`` (another form of it), ``last week``."""
-        fleet = ("fleet",) * (self.whose == "aircraft")
+        fleet = ("fleet",) * (self.scope == "aircraft")
         form = ("form",) * (self.form is not None)
         return ("plain", *fleet, *form, *("last week",) * (self.dated != "never"))
 
@@ -94,7 +94,7 @@ class Drawn:
     name: str  # effect the case is about
     # for the generator; of a swap also the two deviations that make it visible
     effects: tuple[Injected, ...]
-    how: Draw = field(default_factory=Draw)
+    draw: Draw = field(default_factory=Draw)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -128,7 +128,7 @@ class World:
 
 def draw_effect(
     name: str,
-    how: Draw,
+    draw: Draw,
     rng: np.random.Generator,
     world: World,
     *,
@@ -138,18 +138,18 @@ def draw_effect(
 ) -> Drawn:
     """Draw aircraft (unless they are ``among`` some), date and signs, at unit strength."""
     last, tails = variant == "last week", world.tails
-    if how.whose == "pair":
-        return _swap(name, how, rng, tails, _date(rng, world.days, last=last))
-    chosen = None if how.whose == "fleet" else list(among or _aircraft(rng, tails))
+    if draw.scope == "pair":
+        return _swap(name, draw, rng, tails, _date(rng, world.days, last=last))
+    affected = None if draw.scope == "fleet" else list(among or _aircraft(rng, tails))
     if variant == "fleet":
-        chosen = sorted(tails)
-    parameters = dict(how.ladder[step]) if how.unit is None else how.unit(rng)
-    if variant == "form" and how.form is not None:
-        parameters |= how.form(rng)
-    dated = how.dated == "always" or last
+        affected = sorted(tails)
+    parameters = dict(draw.ladder[step]) if draw.unit is None else draw.unit(rng)
+    if variant == "form" and draw.form is not None:
+        parameters |= draw.form(rng)
+    dated = draw.dated == "always" or last
     period = [_date(rng, world.days, last=last), None] if dated else None
-    effect = {"name": name, "tails": chosen, "parameters": parameters, "period": period}
-    return Drawn(name, (effect,), how)
+    effect = {"name": name, "tails": affected, "parameters": parameters, "period": period}
+    return Drawn(name, (effect,), draw)
 
 
 def _aircraft(rng: np.random.Generator, tails: list[str]) -> list[str]:
@@ -164,10 +164,10 @@ def _date(rng: np.random.Generator, days: int, *, last: bool) -> str:
     return (START + timedelta(days=day)).isoformat()
 
 
-def _swap(name: str, how: Draw, rng: np.random.Generator, tails: list[str], date: str) -> Drawn:
+def _swap(name: str, draw: Draw, rng: np.random.Generator, tails: list[str], date: str) -> Drawn:
     pair = sorted(str(tail) for tail in rng.choice(tails, 2, replace=False))
     phase = _phase(rng)
-    found: list[Injected] = [
+    effects: list[Injected] = [
         {
             "name": "hard_iron",
             "tails": [tail],
@@ -176,22 +176,22 @@ def _swap(name: str, how: Draw, rng: np.random.Generator, tails: list[str], date
         }
         for tail, turn in zip(pair, (0.0, 180.0), strict=True)
     ]
-    found += [{"name": name, "tails": pair, "parameters": {"pair": pair}, "period": [date, None]}]
-    return Drawn(name, tuple(found), how)
+    effects += [{"name": name, "tails": pair, "parameters": {"pair": pair}, "period": [date, None]}]
+    return Drawn(name, tuple(effects), draw)
 
 
 def scaled(drawn: Drawn, factor: float) -> Drawn:
     """Multiply the scaled parameters of an effect; unchanged for effects with a ladder."""
-    how = drawn.how
-    if how.ladder:
+    draw = drawn.draw
+    if draw.ladder:
         return drawn
-    found: list[Injected] = []
+    effects: list[Injected] = []
     for effect in drawn.effects:
         changed = {
-            key: float(f"{np.clip(factor * float(value), -how.limit, how.limit):.5g}")
-            if key in how.scaled
+            key: float(f"{np.clip(factor * float(value), -draw.limit, draw.limit):.5g}")
+            if key in draw.scaled
             else value
             for key, value in effect["parameters"].items()
         }
-        found.append({**effect, "parameters": changed})
-    return replace(drawn, effects=tuple(found))
+        effects.append({**effect, "parameters": changed})
+    return replace(drawn, effects=tuple(effects))

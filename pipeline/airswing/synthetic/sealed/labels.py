@@ -46,12 +46,12 @@ def open_seal(folder: Path, *, digest: str) -> list[Label]:
     path = folder / "labels.json"
     if not path.exists():
         raise InputError("no sealed labels", file=path)
-    found = hashlib.sha256(path.read_bytes()).hexdigest()
-    if found != digest:
+    actual = hashlib.sha256(path.read_bytes()).hexdigest()
+    if actual != digest:
         raise InputError(
             "the sealed labels are not those whose digest was published",
             file=path,
-            found=found,
+            found=actual,
             remedy=f"published: {digest}",
         )
     labels: list[Label] = json.loads(path.read_text(encoding="utf-8"))

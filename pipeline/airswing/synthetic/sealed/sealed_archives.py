@@ -89,17 +89,17 @@ def innovation(frame: pd.DataFrame) -> Array:
         frame[name] - sum(frame[f"{name}_{reference}"] for reference in REFERENCES) / 2.0
         for name in ("u", "v")
     ]
-    return np.stack([np.asarray(part, float) for part in parts], axis=-1)
+    return np.stack([np.asarray(column, float) for column in parts], axis=-1)
 
 
-def twin_closure(made: pd.DataFrame, twin: pd.DataFrame) -> dict[str, float]:
+def twin_closure(archive: pd.DataFrame, twin: pd.DataFrame) -> dict[str, float]:
     """Mean vector disagreement (kt) of an archive and of its twin, on the reports both use."""
-    frames = made.set_index("made"), twin.set_index("made").loc[made["made"]]
-    both = np.ones(len(made), bool)
+    frames = archive.set_index("made"), twin.set_index("made").loc[archive["made"]]
+    used = np.ones(len(archive), bool)
     for frame in frames:
-        both &= (frame["temperature_qc"] == "pass").to_numpy(bool)
-        both &= np.isfinite(innovation(frame)).all(axis=1)
-    before, after = (float(np.hypot(*innovation(frame)[both].T).mean() / KNOT) for frame in frames)
+        used &= (frame["temperature_qc"] == "pass").to_numpy(bool)
+        used &= np.isfinite(innovation(frame)).all(axis=1)
+    before, after = (float(np.hypot(*innovation(frame)[used].T).mean() / KNOT) for frame in frames)
     return {"before": before, "after": after}
 
 
@@ -111,19 +111,19 @@ def strength_of(drawn: Drawn, world: World) -> float:
     always: list[Injected] = [{**effect, "period": None} for effect in drawn.effects]
     changed = _calibrating(short, [e for e in always if "pair" not in e["parameters"]])
     change = innovation(changed) - innovation(bare)
-    here = np.isfinite(change).all(axis=1)
+    acting = np.isfinite(change).all(axis=1)
     if drawn.tails is not None:
-        here &= np.isin(bare["tail"].to_numpy(str), np.array(drawn.tails))
-    if drawn.how.acts is not None:
-        here &= drawn.how.acts(bare, drawn.effects[0]["parameters"])
-    size = float(np.sqrt((change[here] ** 2).sum(axis=1).mean())) if here.any() else 0.0
-    if drawn.how.grows:
+        acting &= np.isin(bare["tail"].to_numpy(str), np.array(drawn.tails))
+    if drawn.draw.acts is not None:
+        acting &= drawn.draw.acts(bare, drawn.effects[0]["parameters"])
+    size = float(np.sqrt((change[acting] ** 2).sum(axis=1).mean())) if acting.any() else 0.0
+    if drawn.draw.grows:
         period = drawn.effects[0]["period"]
         begins = START
         if period is not None and period[0] is not None:
             begins = datetime.fromisoformat(period[0])
         size *= (world.days - (begins - START).total_seconds() / 86400.0) / short.days
-    return 2.0 * size if drawn.how.whose == "pair" else size
+    return 2.0 * size if drawn.draw.scope == "pair" else size
 
 
 @functools.lru_cache(maxsize=1)
@@ -196,8 +196,8 @@ def sensor_record(table: pd.DataFrame) -> SensorRecord:
     design = np.concatenate(columns).transpose(2, 1, 0).reshape(-1, sum(map(len, columns)))
     target = wind.T.ravel()
     solution = np.linalg.lstsq(design, target, rcond=1e-9)[0]
-    left = (target - design @ solution).reshape(-1, 2).T
-    turned, longer = -(left * right).sum(0) / airspeed, -(left * ahead).sum(0)
+    residual = (target - design @ solution).reshape(-1, 2).T
+    turned, longer = -(residual * right).sum(0) / airspeed, -(residual * ahead).sum(0)
     return SensorRecord(heading, _irregular(heading, turned), _irregular(heading, longer))
 
 
@@ -284,7 +284,7 @@ def write_model_case(
     if not grib.is_dir():
         raise InputError("no real model run", file=grib)
     run, _, start = real_winds.read_run(grib)
-    found = {}
+    disagreement = {}
     for name, active in (("after", []), ("before", list(effects))):
         real_winds.write_archive(
             folder,
@@ -294,9 +294,9 @@ def write_model_case(
             effects=active,
             output=str((folder / "results").resolve()),
         )
-        found[name] = _read_disagreement(folder / "reports", run, np.datetime64(start, "s"))
+        disagreement[name] = _read_disagreement(folder / "reports", run, np.datetime64(start, "s"))
     shutil.rmtree(folder / "truth")
-    return {"after": found["after"], "before": found["before"]}
+    return {"after": disagreement["after"], "before": disagreement["before"]}
 
 
 def _read_disagreement(folder: Path, run: GriddedReference, start: np.datetime64) -> float:
@@ -311,8 +311,8 @@ def _read_disagreement(folder: Path, run: GriddedReference, start: np.datetime64
     )
     angle = np.radians(table["wind_direction_deg"].to_numpy(float))
     speed = table["wind_speed_kt"].to_numpy(float) * KNOT
-    apart = np.hypot(-speed * np.sin(angle) - wind[0], -speed * np.cos(angle) - wind[1])
-    return float(np.nanmean(apart) / KNOT)
+    distance = np.hypot(-speed * np.sin(angle) - wind[0], -speed * np.cos(angle) - wind[1])
+    return float(np.nanmean(distance) / KNOT)
 
 
 @dataclass
@@ -325,19 +325,19 @@ class Archivist:
 
     def write(self, case: Case) -> Label:
         """Write the archive of one case and return its label."""
-        for part in case.drawn:
-            if part.how.fault is not None:
-                UNIT_FAULTS.setdefault(part.name, part.how.fault)
+        for item in case.drawn:
+            if item.draw.fault is not None:
+                UNIT_FAULTS.setdefault(item.name, item.draw.fault)
         outside = None
         if case.kind == "outside":
-            part, outside = self._fit_draw(case)
-            drawn = [part]
+            item, outside = self._fit_draw(case)
+            drawn = [item]
         else:
             drawn = [
-                self._strengthened(part, size, case.world)
-                for part, size in zip(case.drawn, case.sizes, strict=True)
+                self._strengthened(item, size, case.world)
+                for item, size in zip(case.drawn, case.sizes, strict=True)
             ]
-        effects = [effect for part in drawn for effect in part.effects]
+        effects = [effect for item in drawn for effect in item.effects]
         folder = self.root / "cases" / case.name
         if case.world.kind == "model":
             assert self.real is not None
@@ -353,8 +353,8 @@ class Archivist:
             "world": case.world.kind,
             "size": max(sizes, default=0.0),
             "sizes": sizes,
-            "focus": [part.name for part in drawn],
-            "names": list(dict.fromkeys(name for part in drawn for name in part.names)),
+            "focus": [item.name for item in drawn],
+            "names": list(dict.fromkeys(name for item in drawn for name in item.names)),
             "effects": effects,
             "without": list(case.without),
             # The tails of a real record are heavy: a diagnosis that names them is right.
@@ -374,34 +374,34 @@ class Archivist:
         bare = self._without(case.world)
         wind = innovation(bare)
         fit, every = [], []
-        for part in (*case.drawn, *case.instead):
-            truth = outside_truth(bare, wind, part.effects[0], seed=case.world.seed)
-            every.append((part, truth))
+        for item in (*case.drawn, *case.instead):
+            truth = outside_truth(bare, wind, item.effects[0], seed=case.world.seed)
+            every.append((item, truth))
             if is_fit(truth):
-                fit.append((part, truth))
+                fit.append((item, truth))
                 if not case.worth or truth["closes_kt"] >= WORTH_KT:
                     return fit[-1]
         if fit:
-            return max(fit, key=lambda one: one[1]["closes_kt"])
-        return min(every, key=lambda one: one[1]["named_share"])
+            return max(fit, key=lambda pair: pair[1]["closes_kt"])
+        return min(every, key=lambda pair: pair[1]["named_share"])
 
     def _strengthened(self, drawn: Drawn, size: float, world: World) -> Drawn:
-        if drawn.how.ladder:
+        if drawn.draw.ladder:
             return drawn
         ordinary = replace(world, kind="default", days=max(world.days, _CALIBRATION_DAYS))
         return scaled(drawn, size / max(strength_of(drawn, ordinary), 1e-6))
 
     def _write_sample(self, folder: Path, world: World, effects: Effects) -> dict[str, float]:
         """Write reports and configuration; return the disagreement with and without effects."""
-        made = self._simulated(world, effects)
-        bare = made if not effects else self._without(world)
-        write_reports(folder / "reports", made)
+        frame = self._simulated(world, effects)
+        bare = frame if not effects else self._without(world)
+        write_reports(folder / "reports", frame)
         winds = self._winds_of(world, effects)
         config = yaml.safe_load((winds / "config.yaml").read_text(encoding="utf-8"))
         config["reports"]["files"] = str((folder / "reports" / "*.csv").resolve())
         config["output"] = str((folder / "results").resolve())
         (folder / "config.yaml").write_text(yaml.safe_dump(config, sort_keys=False), "utf-8")
-        return twin_closure(made, bare)
+        return twin_closure(frame, bare)
 
     def _simulated(self, world: World, effects: Effects) -> pd.DataFrame:
         if world.kind != "sensor":
