@@ -8,7 +8,7 @@ from airswing.compass.fit.deviation import fit_deviation, fit_sums, sum_aircraft
 from airswing.compass.fleet import solution
 from airswing.compass.fleet.field import Blocks
 from airswing.compass.fleet.information import Reference
-from airswing.compass.fleet.solution import Equations, Iterated, Written, solve_fleet
+from airswing.compass.fleet.solution import Equations, ExactInverse, IterativeInverse, solve_fleet
 from airswing.physics.compass_deviation import deviation_basis
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 
@@ -43,7 +43,7 @@ def fleet_blocks(aircraft, days, seed, *, field=0.5, middle=-87.0, reach=(5.0, 3
 
 def dense(one):
     """Newton matrix and score of one reference, from the covariance of its blocks' means."""
-    stretch, variances = one.some.stretch, one.variances
+    stretch, variances = one.sample.stretch, one.variances
     size, blocks = AIRCRAFT * 6 + one.size, stretch.weight.size
     passing, lasting = stretch.passing_design.toarray(), stretch.lasting_design.toarray()
     same = stretch.piece[:, np.newaxis] == stretch.piece
@@ -81,7 +81,7 @@ def test_both_inverses_are_that_of_the_dense_matrix(count):
     fixed = np.flatnonzero(~FREE.ravel())
     newton[fixed, fixed] = newton.max()
     columns = np.random.default_rng(3).normal(size=(equations.size, 5))
-    for inverse in (Written(equations, right), Iterated(equations, right)):
+    for inverse in (ExactInverse(equations, right), IterativeInverse(equations, right)):
         covariance = np.linalg.inv(newton + np.diag(inverse.prior))
         free = np.sqrt(np.diagonal(covariance))[: FREE.size][FREE.ravel()]
         apart = (inverse.solve(right) - covariance @ right)[: FREE.size][FREE.ravel()]
@@ -93,7 +93,7 @@ def test_both_inverses_are_that_of_the_dense_matrix(count):
         exact = [covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(AIRCRAFT)]
         exact = np.sqrt(np.diagonal(exact, axis1=1, axis2=2))
         found = np.sqrt(np.diagonal(inverse.covariances(), axis1=1, axis2=2))
-        tolerance = 1e-6 if isinstance(inverse, Written) else 0.05
+        tolerance = 1e-6 if isinstance(inverse, ExactInverse) else 0.05
         np.testing.assert_allclose(found[FREE], exact[FREE], rtol=tolerance)
 
 
@@ -102,7 +102,7 @@ def test_a_large_fleet_is_solved_as_a_small_one_and_repeats(monkeypatch):
     every = np.ones((30, 6), dtype=bool)
     found = []
     for most in (10_000, 0, 0):
-        monkeypatch.setattr(solution, "WRITTEN_OUT", most)
+        monkeypatch.setattr(solution, "MOST_EXACT", most)
         found.append(solve_fleet(blocks, every))
     exact, iterated, again = found
     assert np.abs((iterated.step - exact.step) / spread_of(exact)).max() < 0.05

@@ -180,13 +180,13 @@ def add_tables(
         output_dtypes=[np.float64, np.float64],
         dask_gufunc_kwargs={"output_sizes": {"node": NODES.size}, "allow_rechunk": True},
     )
-    found = fits.assign(
+    tables = fits.assign(
         table_correction=correction.drop_attrs(),
         table_residual_rms=residual.drop_attrs(),
         table_heading=("node", NODES),
     )
-    found.attrs.update(table_sign=sign, table_resolution=float(resolution))
-    return describe(found)
+    tables.attrs.update(table_sign=sign, table_resolution=float(resolution))
+    return describe(tables)
 
 
 def _tables(
@@ -257,7 +257,7 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
     return Path(path)
 
 
-KEPT = (
+COPIED = (
     *("time", "latitude", "longitude", "pressure", "pressure_altitude"),
     *("eastward_wind", "northward_wind", "air_temperature"),
     *("reference_eastward_wind", "reference_northward_wind", "lead_time"),
@@ -288,12 +288,12 @@ def corrected_wind(
     ``scale``: relative error of the airspeed, to be removed.
     """
     east, north, speed, psi, turn = (
-        np.asarray(part, dtype=np.float64) for part in (u, v, airspeed, heading, error)
+        np.asarray(values, dtype=np.float64) for values in (u, v, airspeed, heading, error)
     )
-    better = speed / (1.0 + np.asarray(scale, dtype=np.float64))
+    true_speed = speed / (1.0 + np.asarray(scale, dtype=np.float64))
     return (
-        np.asarray(east + speed * np.sin(psi) - better * np.sin(psi - turn)),
-        np.asarray(north + speed * np.cos(psi) - better * np.cos(psi - turn)),
+        np.asarray(east + speed * np.sin(psi) - true_speed * np.sin(psi - turn)),
+        np.asarray(north + speed * np.cos(psi) - true_speed * np.cos(psi - turn)),
     )
 
 
@@ -309,7 +309,7 @@ def correction_error(
 ) -> Array:
     """Standard error of the corrected wind as a vector, (n,), m/s; see the module.
 
-    ``deviation`` is what is removed (radians) and ``slope`` its derivative by the heading;
+    ``deviation`` is that removed (radians) and ``slope`` its derivative by the heading;
     ``curve_error`` the standard error of the deviation, with that of the airspeed scale where it is
     removed (radians); ``heading_error`` (radians) and ``airspeed_error`` (m/s) those at the report;
     ``coding`` the variance from rounding (m2/s2) of :func:`coding_variance`.
@@ -378,23 +378,23 @@ def correct(
     'm s-1'
     """
     names = [str(name) for name in fits["reference"].to_numpy()]
-    chosen = main_reference(fits) if reference is None else reference
-    if chosen not in names:
+    reference = main_reference(fits) if reference is None else reference
+    if reference not in names:
         raise InputError(
             "no fit against this reference",
             field="reference",
-            found=chosen,
+            found=reference,
             remedy=f"Fitted: {', '.join(names)}",
         )
     if method == "table" and "table_correction" not in fits:
         remedy = "Call add_tables first, or use method='curve'"
         raise InputError("the fits hold no tables", field="table_correction", remedy=remedy)
-    fit = fits.isel(reference=names.index(chosen))
+    fit = fits.isel(reference=names.index(reference))
     read = headings[[name for name in NEEDED if name in headings]]
-    found = map_aircraft(_correct, read, fit, method=method, scaled=apply_airspeed_scale)
-    kept = headings[[name for name in KEPT if name in headings]]
-    ds = kept.assign({str(name): found[name] for name in found.data_vars})
-    ds.attrs.update(correction_reference=chosen, correction_method=method)
+    corrected = map_aircraft(_correct, read, fit, method=method, scaled=apply_airspeed_scale)
+    reports = headings[[name for name in COPIED if name in headings]]
+    ds = reports.assign({str(name): corrected[name] for name in corrected.data_vars})
+    ds.attrs.update(correction_reference=reference, correction_method=method)
     return describe(ds)
 
 
@@ -416,21 +416,21 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
     names = ("eastward_wind", "northward_wind", "airspeed", "heading", argument_name)
     columns = [headings[name].to_numpy().astype(np.float64) for name in names]
     flag = _flags(headings, columns, fit, row)
-    done = is_corrected(flag)
+    applied = is_corrected(flag)
     # only corrected reports from here on
-    u, v, speed, heading, argument = (values[done] for values in columns)
-    row, aircraft = row[done], aircraft[done]
+    u, v, speed, heading, argument = (values[applied] for values in columns)
+    row, aircraft = row[applied], aircraft[applied]
 
-    def known(name: str, by_aircraft: bool = False) -> Array:
+    def filled(name: str, by_aircraft: bool = False) -> Array:
         """Values of a variable, zero where they are unknown."""
         if name not in headings:
             return np.zeros(row.size)
         values = np.nan_to_num(headings[name].to_numpy().astype(np.float64))
-        return values[aircraft] if by_aircraft else values[done]
+        return values[aircraft] if by_aircraft else values[applied]
 
     gain = np.ones(row.size)
     if "mean_horizontal_field" in fit:
-        field, mean = known("horizontal_field"), fit["mean_horizontal_field"].to_numpy()[row]
+        field, mean = filled("horizontal_field"), fit["mean_horizontal_field"].to_numpy()[row]
         np.divide(mean, field, out=gain, where=np.isfinite(mean) & (field > 0))
     coefficients = fit["deviation"].to_numpy()[row]
     coefficients[:, 1:3] *= gain[:, np.newaxis]
@@ -440,8 +440,8 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
     curve_error = np.empty(row.size)
     # one covariance matrix for each aircraft, not for each report
     for begin, end in pairwise([*np.flatnonzero(np.diff(aircraft, prepend=-1)), row.size]):
-        covariance, part = fit["deviation_covariance"].to_numpy()[row[begin]], slice(begin, end)
-        curve_error[part] = curve_standard_error(covariance, argument[part], gain[part])
+        covariance, block = fit["deviation_covariance"].to_numpy()[row[begin]], slice(begin, end)
+        curve_error[block] = curve_standard_error(covariance, argument[block], gain[block])
     if method == "table":
         table = error_from_table(fit).to_numpy()[row]
         from_table = unit_interpolation(table, argument)
@@ -453,9 +453,9 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
     if scaled:  # fits of an offset have no airspeed scale
         scale = np.nan_to_num(fit["airspeed_scale"].to_numpy()[row])
         scale_error = np.nan_to_num(fit["airspeed_scale_standard_error"].to_numpy()[row])
-    heading_error = np.radians(known("heading_standard_error"))
+    heading_error = np.radians(filled("heading_standard_error"))
     # the mean of both components is known: the part not across the heading is along it
-    along = 2.0 * known("ground_velocity_error") ** 2 - (speed * heading_error) ** 2
+    along = 2.0 * filled("ground_velocity_error") ** 2 - (speed * heading_error) ** 2
     standard_error = correction_error(
         speed,
         np.radians(error),
@@ -465,8 +465,8 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
         airspeed_error=np.sqrt(np.maximum(along, 0.0)),
         coding=coding_variance(
             np.hypot(u, v),
-            known("wind_speed_resolution", by_aircraft=True),
-            np.radians(known("wind_direction_resolution", by_aircraft=True)),
+            filled("wind_speed_resolution", by_aircraft=True),
+            np.radians(filled("wind_direction_resolution", by_aircraft=True)),
         ),
     )
     u, v = corrected_wind(u, v, speed, np.radians(heading), np.radians(error), scale)
@@ -475,10 +475,10 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
         ("eastward_wind", columns[0], u),
         ("northward_wind", columns[1], v),
         ("heading", columns[3], np.mod(heading - error, 360.0)),
-        ("wind_standard_error", np.full(done.size, np.nan), standard_error),
+        ("wind_standard_error", np.full(applied.size, np.nan), standard_error),
     ):
         values = before.copy()
-        values[done] = corrected
+        values[applied] = corrected
         ds[f"corrected_{name}"] = "report", values
     return ds.assign(correction_applied=("report", flag))
 

@@ -211,21 +211,19 @@ def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.D
         "heading_error_standard_error": np.degrees(difference_error),
         "airspeed_error": triangle.airspeed_error(*air, *implied),
     }
+    dims = "reference", "report"
     # in the type of the product, so that results from memory and from a file are identical
     return describe(
         ds.assign(
             {
                 name: (
-                    ("aircraft",) if name == "reported_heading_use" else _DIMS[values.ndim],
+                    ("aircraft",) if name == "reported_heading_use" else dims[-values.ndim :],
                     values.astype(VARIABLES[name].dtype),
                 )
                 for name, values in derived.items()
             }
         )
     )
-
-
-_DIMS = {1: ("report",), 2: ("reference", "report")}
 
 
 def _column(ds: xr.Dataset, name: str) -> Array:
@@ -256,8 +254,8 @@ def _choose_ground_vector(
     airspeed, heading = np.where(airspeed > 0.0, airspeed, np.nan), np.radians(degrees)
     air = triangle.vector_from_bearing(airspeed, heading)
     vector = air[0] + wind[0], air[1] + wind[1]
-    known = np.isfinite(vector[0] + vector[1])
-    use = _judge_reported_heading(chord, wind, air, known, aircraft, number)
+    available = np.isfinite(vector[0] + vector[1])
+    use = _judge_reported_heading(chord, wind, air, available, aircraft, number)
     # Rounding of airspeed, heading and wind, along and across the ground vector: uniform over a
     # step, whose variance is a twelfth of its square.
     speed_step, degree_step = (
@@ -272,36 +270,36 @@ def _choose_ground_vector(
     along = np.sqrt((along_air * cosine) ** 2 + (cross_air * sine) ** 2 + wind_variance)
     cross = np.sqrt((along_air * sine) ** 2 + (cross_air * cosine) ** 2 + wind_variance)
     # a larger difference is a gross error of one of the two
-    apart = np.hypot(vector[0] - chord.eastward, vector[1] - chord.northward)
+    difference = np.hypot(vector[0] - chord.eastward, vector[1] - chord.northward)
     explained = np.hypot(chord.along_error, chord.cross_error) + np.hypot(along, cross)
-    agrees = ~(apart > MAX_VECTOR_DIFFERENCE + 5.0 * explained)
+    agrees = ~(difference > MAX_VECTOR_DIFFERENCE + 5.0 * explained)
     # a wind derived from heading, airspeed and ground vector is consistent with that vector only
     derived = _column(ds, "wind_source") > 0
-    chosen = known & (derived | ((use == REPORTED_HEADING_USE["used"])[aircraft] & agrees))
+    selected = available & (derived | ((use == REPORTED_HEADING_USE["used"])[aircraft] & agrees))
     pairs = zip((*vector, along, cross), chord, strict=True)
-    ground = GroundVector(*(np.where(chosen, one, from_fixes) for one, from_fixes in pairs))
-    return ground, chosen, use
+    ground = GroundVector(*(np.where(selected, value, from_fixes) for value, from_fixes in pairs))
+    return ground, selected, use
 
 
 def _judge_reported_heading(
     chord: GroundVector,
     wind: tuple[Array, Array],
     air: tuple[Array, Array],
-    known: NDArray[np.bool_],
+    available: NDArray[np.bool_],
     aircraft: Index,
     number: int,
 ) -> NDArray[np.int8]:
     """Code of `REPORTED_HEADING_USE` of each aircraft."""
-    present = np.bincount(aircraft, weights=known, minlength=number)
+    present = np.bincount(aircraft, weights=available, minlength=number)
     implied = chord.eastward - wind[0], chord.northward - wind[1]
     turned = triangle.angle_of_vector(*implied, *air)
     off_track = np.abs(triangle.angle_of_vector(chord.eastward, chord.northward, *air))
     speed = np.hypot(*implied)
-    both = np.isfinite(turned)
+    comparable = np.isfinite(turned)
 
     def median(values: Array) -> Array:
-        found = pd.Series(np.where(both, values, np.nan)).groupby(aircraft).median()
-        return np.asarray(found.reindex(range(number)), dtype=np.float64)
+        medians = pd.Series(np.where(comparable, values, np.nan)).groupby(aircraft).median()
+        return np.asarray(medians.reindex(range(number)), dtype=np.float64)
 
     # two standard errors of rounding, as a median of absolute values
     noise = MEDIAN_OF_NORMAL * 2.0
@@ -309,24 +307,24 @@ def _judge_reported_heading(
         angle_noise = median(chord.cross_error / speed)
     angle_allowed = MAX_HEADING_DIFFERENCE + noise * angle_noise
     speed_allowed = MAX_AIRSPEED_DIFFERENCE + noise * median(chord.along_error)
-    heading_apart, track_apart = median(np.abs(turned)), median(off_track)
-    judged = np.bincount(aircraft, weights=both, minlength=number)
+    heading_difference, track_difference = median(np.abs(turned)), median(off_track)
+    judged = np.bincount(aircraft, weights=comparable, minlength=number)
     # a median's standard error is 1.25 sigma / sqrt(n); a few of them for correlated noise
     bias_allowed = MAX_HEADING_BIAS + 5.0 * angle_noise / np.sqrt(np.maximum(judged, 1.0))
     # negated, so that NaN counts as biased; the following tests too
     biased = ~(np.abs(median(turned)) <= bias_allowed)
     fast = ~(median(np.abs(np.hypot(*air) - speed)) <= speed_allowed)
-    nearer_track = track_apart < heading_apart
+    nearer_track = track_difference < heading_difference
     reasons = {
         "absent": present == 0,
         "too_few": judged < FEWEST,
-        "heading_is_track": nearer_track & (track_apart < 0.5 * MAX_HEADING_DIFFERENCE),
-        "heading_differs": ~(heading_apart <= angle_allowed) | nearer_track | biased,
+        "heading_is_track": nearer_track & (track_difference < 0.5 * MAX_HEADING_DIFFERENCE),
+        "heading_differs": ~(heading_difference <= angle_allowed) | nearer_track | biased,
         "airspeed_differs": fast,
     }
     codes = [REPORTED_HEADING_USE[name] for name in reasons]
-    found = np.select(list(reasons.values()), codes, REPORTED_HEADING_USE["used"])
-    return np.asarray(found, dtype=np.int8)
+    use = np.select(list(reasons.values()), codes, REPORTED_HEADING_USE["used"])
+    return np.asarray(use, dtype=np.int8)
 
 
 def _heading_errors(
@@ -339,8 +337,8 @@ def _heading_errors(
     """
     track, errors = triangle.bearing(ground.eastward, ground.northward), []
     with np.errstate(divide="ignore", invalid="ignore"):
-        used, other = (np.stack([v, -u]) / (u**2 + v**2) for u, v in (air, implied))
-    for slope in (used, used[:, np.newaxis] - other):
+        slope_air, slope_implied = (np.stack([v, -u]) / (u**2 + v**2) for u, v in (air, implied))
+    for slope in (slope_air, slope_air[:, np.newaxis] - slope_implied):
         along, cross = triangle.along_cross(slope[0], slope[1], track)
         errors.append(np.hypot(along * ground.along_error, cross * ground.cross_error))
     # first order is meaningless beyond the error of an unknown angle

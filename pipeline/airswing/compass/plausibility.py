@@ -153,8 +153,8 @@ class Finding:
         every = self.share == 1.0 and number > 1
         whom = "all aircraft" if every else f"{number} aircraft ({shown})"
         cause = f"likely {self.likely}" if self.likely else "no usual mistake explains it"
-        plain = self.quantity.removeprefix("reported_").removeprefix("air_").replace("_", " ")
-        names = _PLURALS.get(self.quantity, f"{plain}s")
+        word = self.quantity.removeprefix("reported_").removeprefix("air_").replace("_", " ")
+        names = _PLURALS.get(self.quantity, f"{word}s")
         return (
             f"Implausible {names} of {whom}: {self.evidence}; {cause}. Check the unit of the "
             "column, and the units of the reference"
@@ -186,15 +186,15 @@ def plausibility(headings: xr.Dataset, *, references: Sequence[str] | None = Non
             else:
                 judged.append(([tail], findings_of(sample)))
     if few:
-        columns = {name: [one[name] for one in few.values()] for name in next(iter(few.values()))}
-        every = {name: np.concatenate(values) for name, values in columns.items()}
-        judged.append(([*few], findings_of(every)))
-    found: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
+        samples = list(few.values())
+        joint = {name: np.concatenate([sample[name] for sample in samples]) for name in samples[0]}
+        judged.append(([*few], findings_of(joint)))
+    groups: dict[tuple[str, str], list[tuple[str, Finding]]] = {}
     for tails, of_sample in judged:
-        for one in of_sample:
-            key = one.quantity, "" if one.factor else one.likely
-            found.setdefault(key, []).extend((tail, one) for tail in tails)
-    findings = [_of_fleet(group, aircraft) for group in found.values()]
+        for finding in of_sample:
+            key = finding.quantity, "" if finding.factor else finding.likely
+            groups.setdefault(key, []).extend((tail, finding) for tail in tails)
+    findings = [_of_fleet(group, aircraft) for group in groups.values()]
     if not findings and (shift := _clock_error(together)):
         likely = "local times, or another time zone, read as UTC"
         when = "earlier" if shift > 0 else "later"
@@ -208,8 +208,8 @@ def _clock_error(samples: Sequence[Sample]) -> float:
     from scipy.spatial import cKDTree
 
     names = ("wind", "reference", "time", "latitude", "longitude", "pressure_altitude")
-    every = (np.concatenate([one[name] for one in samples]) for name in names)
-    wind, reference, time, latitude, longitude, altitude = _finite(*every)
+    columns = (np.concatenate([sample[name] for sample in samples]) for name in names)
+    wind, reference, time, latitude, longitude, altitude = _finite(*columns)
     if not wind.size:
         return 0.0
     phi, hours, unit = np.radians(latitude), time / 3600.0, EARTH_RADIUS / 100e3
@@ -219,32 +219,32 @@ def _clock_error(samples: Sequence[Sample]) -> float:
     shape = int(day.max()) + 1, 2 * _MOST_SHIFTS + 1
     number, total = np.zeros(shape), np.zeros(shape)
     # neighbours of a few reports at a time: where flights are dense, all are millions
-    chosen = np.arange(0, hours.size, max(1, hours.size // 8000))
-    for part in np.array_split(chosen, -(-chosen.size // 250)):
-        near = tree.query_ball_point(place[part], 1.0)
-        one = np.repeat(part, [len(others) for others in near])
-        other = np.concatenate(near).astype(np.int64)
-        shift = np.round((hours[other] - hours[one]) / SHIFT).astype(np.int64) + _MOST_SHIFTS
+    tested = np.arange(0, hours.size, max(1, hours.size // 8000))
+    for chunk in np.array_split(tested, -(-tested.size // 250)):
+        near = tree.query_ball_point(place[chunk], 1.0)
+        row = np.repeat(chunk, [len(neighbours) for neighbours in near])
+        partner = np.concatenate(near).astype(np.int64)
+        shift = np.round((hours[partner] - hours[row]) / SHIFT).astype(np.int64) + _MOST_SHIFTS
         inside = (shift >= 0) & (shift <= 2 * _MOST_SHIFTS)
-        one, other, cell = one[inside], other[inside], (day[one[inside]], shift[inside])
+        row, partner, cell = row[inside], partner[inside], (day[row[inside]], shift[inside])
         np.add.at(number, cell, 1.0)
-        np.add.at(total, cell, np.abs(wind[one] - reference[other]) ** 2)
+        np.add.at(total, cell, np.abs(wind[row] - reference[partner]) ** 2)
     mean = np.divide(total, number, out=np.full(shape, np.nan), where=number >= FEWEST)
     ratio = np.ones(shape[1])
     for k in range(shape[1]):
         gain = mean[:, _MOST_SHIFTS] - mean[:, k]
-        both = np.isfinite(gain)
-        number_of_days = np.count_nonzero(both)
+        compared = np.isfinite(gain)
+        number_of_days = np.count_nonzero(compared)
         if number_of_days >= FEWEST_DAYS:
-            significance = gain[both].mean() / (gain[both].std(ddof=1) + 1e-9)
+            significance = gain[compared].mean() / (gain[compared].std(ddof=1) + 1e-9)
             if significance * np.sqrt(number_of_days) > 4.0:
-                ratio[k] = mean[both, _MOST_SHIFTS].mean() / mean[both, k].mean()
+                ratio[k] = mean[compared, _MOST_SHIFTS].mean() / mean[compared, k].mean()
     best = int(np.argmax(ratio))
     return SHIFT * (_MOST_SHIFTS - best) if ratio[best] > CLOCK_RATIO else 0.0
 
 
 def _of_fleet(group: Sequence[tuple[str, Finding]], aircraft: Sequence[str]) -> Finding:
-    """One finding of those of one quantity and mistake."""
+    """Combine the findings of one quantity and mistake."""
     tails, first = {tail for tail, _ in group}, group[0][1]
     if first.factor:
         factor = float(np.median([finding.factor for _, finding in group]))
@@ -253,17 +253,17 @@ def _of_fleet(group: Sequence[tuple[str, Finding]], aircraft: Sequence[str]) -> 
         first = replace(first, evidence=evidence, factor=factor, likely=likely)
     if len(tails) > SAME_COLUMN * len(aircraft):
         tails = set(aircraft)
-    kept = tuple(tail for tail in aircraft if tail in tails)
-    return replace(first, aircraft=kept, share=len(kept) / len(aircraft))
+    names = tuple(tail for tail in aircraft if tail in tails)
+    return replace(first, aircraft=names, share=len(names) / len(aircraft))
 
 
 def _samples(block: xr.Dataset, members: list[int]) -> Iterable[tuple[str, Sample]]:
     columns: dict[str, NDArray[Any]] = {}
     for name in _NEEDED:
-        one = block.get(name, block["flight"] * np.nan)
-        if "reference" in one.dims:
-            one = one.isel(reference=members).astype(np.float64).mean("reference")
-        values = one.to_numpy()
+        variable = block.get(name, block["flight"] * np.nan)
+        if "reference" in variable.dims:
+            variable = variable.isel(reference=members).astype(np.float64).mean("reference")
+        values = variable.to_numpy()
         if name == "time":
             values = values.astype("datetime64[ns]").astype(np.int64) / 1e9
         columns[name] = values.astype(np.float64)
@@ -292,9 +292,9 @@ def _chord(columns: Mapping[str, Array]) -> Complex:
 
 def _finite(*columns: NDArray[Any]) -> list[NDArray[Any]]:
     """Rows where all columns are finite; none if too few for a test."""
-    known = np.isfinite(np.sum(columns, axis=0))
-    known &= np.count_nonzero(known) >= FEWEST
-    return [values[known] for values in columns]
+    is_finite = np.isfinite(np.sum(columns, axis=0))
+    is_finite &= np.count_nonzero(is_finite) >= FEWEST
+    return [values[is_finite] for values in columns]
 
 
 def _direction(vector: Complex) -> Array:
@@ -308,7 +308,7 @@ def _vector(length: Array, direction: Array) -> Complex:
 
 
 def findings_of(sample: Sample) -> list[Finding]:
-    """Findings of one aircraft, without its name; one that explains the others is given alone.
+    """Findings of one aircraft, without its name; a finding that explains all others is alone.
 
     The sample holds the variables of ``headings`` that the tests use (m s-1, m, K, degrees) and,
     complex (eastward + 1j northward), ``wind``, ``reference``, ``ground`` and ``chord``; NaN where
@@ -328,7 +328,7 @@ def findings_of(sample: Sample) -> list[Finding]:
     motion = [*_airspeed_findings(sample), *_heading_findings(sample)]
     if motion and _derived(sample).any():  # the winds contain the mistake
         return levels + motion
-    if any(one.quantity == "pressure_altitude" or not one.likely for one in levels):
+    if any(finding.quantity == "pressure_altitude" or not finding.likely for finding in levels):
         return levels + motion
     return levels + motion + _wind_findings(sample)
 
@@ -371,28 +371,28 @@ def _against_standard_atmosphere(altitude: Array, kelvin: Array) -> list[Finding
     def compared(factor: float, temperature: Array) -> tuple[float, bool]:
         """Median distance (K), and whether temperatures change as the standard atmosphere's."""
         standard = standard_temperature(np.clip(factor * altitude, -700.0, 20_000.0))
-        apart = float(np.median(np.abs(temperature - standard)))
+        difference = float(np.median(np.abs(temperature - standard)))
         if (spread := float(np.var(standard))) < 64.0:
-            return apart, True
+            return difference, True
         slope = float(np.cov(temperature, standard, bias=True)[0, 1]) / spread
-        return apart, 0.55 <= slope <= 1.5
+        return difference, 0.55 <= slope <= 1.5
 
-    apart, alike = compared(1.0, kelvin)
-    if apart <= 18.0 and alike:
+    difference, parallel = compared(1.0, kelvin)
+    if difference <= 18.0 and parallel:
         return []
     quantity, likely, best = "air_temperature", "", np.inf
     trials = [("pressure_altitude", name, f, kelvin) for name, f in _ALTITUDE_MISTAKES.items()]
     trials += [("air_temperature", n, 1.0, f(kelvin)) for n, f in _TEMPERATURE_MISTAKES.items()]
     for column, name, factor, temperature in trials:
-        distance, alike = compared(factor, temperature)
-        if alike and distance < best:
+        distance, parallel = compared(factor, temperature)
+        if parallel and distance < best:
             quantity, likely, best = column, name, distance
-    if best > min(12.0, 0.5 * apart):
-        if apart < 60.0:  # air near the ground in a polar winter is 50 K colder than the standard
+    if best > min(12.0, 0.5 * difference):
+        if difference < 60.0:  # polar winter air near the ground is 50 K colder than the standard
             return []
         quantity, likely = "air_temperature", ""
     evidence = (
-        f"temperatures are {apart:.0f} K from the standard atmosphere (median "
+        f"temperatures are {difference:.0f} K from the standard atmosphere (median "
         f"{np.median(kelvin) - ZERO_CELSIUS:.0f} degC at {np.median(altitude) / FOOT:,.0f} ft)"
     )
     return [Finding(quantity, likely, evidence)]
@@ -428,8 +428,8 @@ def _ground_findings(sample: Sample) -> list[Finding]:
     if not chord.size:
         return []
     factor = float(np.median(np.abs(ground) / np.abs(chord)))
-    found = [] if 0.8 <= factor <= 1.25 else [_scaled("ground_speed", factor)]
-    return found + _angle_findings(
+    findings = [] if 0.8 <= factor <= 1.25 else [_scaled("ground_speed", factor)]
+    return findings + _angle_findings(
         "track", _direction(ground) % 360.0, _direction(chord), curve=False
     )
 
@@ -437,13 +437,13 @@ def _ground_findings(sample: Sample) -> list[Finding]:
 def _angle_findings(quantity: str, angle: Array, expected: Array, *, curve: bool) -> list[Finding]:
     """Findings for angles (degrees) that agree with the expected ones only under a mistake."""
 
-    def apart(angle: Array) -> float:
+    def misfit(angle: Array) -> float:
         difference = wrap_degrees(angle - expected)
         if curve:
             difference = difference - _curve(difference, angle)
         return float(np.mean(np.sin(np.radians(difference / 2.0)) ** 2))
 
-    likely = _angle_mistake(angle, apart)
+    likely = _angle_mistake(angle, misfit)
     if not likely and float(np.mean(np.cos(np.radians(angle - expected)))) >= 0.7:
         return []
     evidence = (
@@ -454,18 +454,18 @@ def _angle_findings(quantity: str, angle: Array, expected: Array, *, curve: bool
     return [Finding(quantity, likely, evidence)]
 
 
-def _angle_mistake(angle: Array, apart: Callable[[Array], float]) -> str:
+def _angle_mistake(angle: Array, misfit: Callable[[Array], float]) -> str:
     """Mistake that makes the mean square difference of angles much smaller; empty if none does."""
-    trials = {name: apart(corrected(angle)) for name, corrected in _ANGLE_MISTAKES.items()}
+    trials = {name: misfit(corrected(angle)) for name, corrected in _ANGLE_MISTAKES.items()}
     best = min(trials, key=lambda name: trials[name])
-    return best if apart(angle) > RATIO * trials[best] else ""
+    return best if misfit(angle) > RATIO * trials[best] else ""
 
 
 def _curve(difference: Array, heading: Array) -> Array:
     """Deviation curve A to E (degrees) fitted to differences of headings, at most 45 degrees."""
     design = deviation_basis(np.radians(heading)).T
-    known = np.isfinite(difference)
-    coefficients = np.linalg.lstsq(design[known], difference[known], rcond=1e-6)[0]
+    is_finite = np.isfinite(difference)
+    coefficients = np.linalg.lstsq(design[is_finite], difference[is_finite], rcond=1e-6)[0]
     return np.asarray(np.clip(design @ coefficients, -LARGEST_DEVIATION, LARGEST_DEVIATION))
 
 
@@ -492,8 +492,8 @@ def _heading_findings(sample: Sample) -> list[Finding]:
     heading, expected = _finite(sample["reported_heading"], air)
     if not heading.size:
         return []
-    if found := _angle_findings("reported_heading", heading, expected, curve=True):
-        return found
+    if findings := _angle_findings("reported_heading", heading, expected, curve=True):
+        return findings
     track = np.where(_derived(sample), _direction(_reported_ground(sample)), np.nan)
     heading, track, air = _finite(sample["reported_heading"], track, air)
     if not heading.size:
@@ -518,20 +518,20 @@ def _wind_findings(sample: Sample) -> list[Finding]:
         return wrong
     corrected = _less_deviation(wind, reference, ground)
     along = ground.conj() / np.abs(ground)
-    ours, theirs = (corrected * along).real, (reference * along).real
-    one, other = ours - ours.mean(), theirs - theirs.mean()
+    along_wind, along_reference = (corrected * along).real, (reference * along).real
+    anomaly, expected = along_wind - along_wind.mean(), along_reference - along_reference.mean()
     slopes = []
-    if np.std(other) >= WEAKEST and np.any(one):
-        slopes = [_slope(one, other, flight), _slope(other, one, flight)]
+    if np.std(expected) >= WEAKEST and np.any(anomaly):
+        slopes = [_slope(anomaly, expected, flight), _slope(expected, anomaly, flight)]
     if any(slope - 3.0 * error > 1.25 for slope, error in slopes):
-        factor = float(np.std(one) / np.std(other))
+        factor = float(np.std(anomaly) / np.std(expected))
         finding = _scaled("wind_speed", factor)
         if _finite(sample["air_temperature"])[0].size:
             return [finding] if _speed_mistake(factor) else []
         levels = "altitudes in m read as ft" if factor > 1.0 else "altitudes in ft read as m"
         return [replace(finding, likely=levels)]
-    agreement = float(np.corrcoef(ours, theirs)[0, 1])
-    if agreement < 0.2 and wind.size >= 200 and np.std(theirs) >= WEAKEST:
+    agreement = float(np.corrcoef(along_wind, along_reference)[0, 1])
+    if agreement < 0.2 and wind.size >= 200 and np.std(along_reference) >= WEAKEST:
         evidence = f"their correlation with the reference's winds is {agreement:.2f}"
         return [Finding("ground_velocity" if derived else "wind_direction", "", evidence)]
     return []
@@ -548,36 +548,36 @@ def _less_deviation(wind: Complex, reference: Complex, ground: Complex) -> Compl
 def _wind_directions(wind: Complex, reference: Complex, ground: Complex) -> list[Finding]:
     comes_from, speed = _direction(-wind) % 360.0, np.abs(wind)
 
-    def apart(angle: Array) -> float:
+    def misfit(angle: Array) -> float:
         corrected = _less_deviation(-_vector(speed, angle), reference, ground)
         return float(np.mean(np.abs(corrected - reference) ** 2))
 
     low, high = (float(value) for value in np.quantile(comes_from, [0.01, 0.99]))
     evidence = f"they lie between {low:.0f} and {high:.0f} degrees"
-    if likely := _angle_mistake(comes_from, apart):
+    if likely := _angle_mistake(comes_from, misfit):
         return [Finding("wind_direction", likely, f"{evidence} and contradict the reference's")]
     of_reference = _direction(-reference) % 360.0
     share = float(np.mean((of_reference < low - 20.0) | (of_reference > high + 20.0)))
     inside = (of_reference >= low) & (of_reference <= high)
     # Inside that part winds agree; a mistake of the direction does not change the speeds.
     scale = float(np.sqrt(np.mean(speed**2) / np.mean(np.abs(reference) ** 2)))
-    plain = share < 0.15 or high - low > 270.0 or not 0.8 <= scale <= 1.25
-    if plain or np.count_nonzero(inside) < FEWEST:
+    complete = share < 0.15 or high - low > 270.0 or not 0.8 <= scale <= 1.25
+    if complete or np.count_nonzero(inside) < FEWEST:
         return []
-    one, other = wind[inside], reference[inside]
-    correlation = np.sum((one * other.conj()).real) / np.linalg.norm(one) / np.linalg.norm(other)
+    x, y = wind[inside], reference[inside]
+    correlation = np.sum((x * y.conj()).real) / np.linalg.norm(x) / np.linalg.norm(y)
     if correlation < 0.8:
         return []
     missing = f"{evidence}, {share:.0%} of the reference's do not"
     return [Finding("wind_direction", "a part of the circle missing", missing)]
 
 
-def _slope(one: Array, other: Array, flight: Array) -> tuple[float, float]:
-    """Slope of the regression of one on other without a constant, and its error by flight."""
-    slope = float(one @ other / (other @ other))
+def _slope(y: Array, x: Array, flight: Array) -> tuple[float, float]:
+    """Slope of the regression of y on x without a constant, and its error by flight."""
+    slope = float(y @ x / (x @ x))
     number = np.unique(flight, return_inverse=True)[1]
-    influence = np.bincount(number, weights=(one - slope * other) * other)
-    return slope, float(np.linalg.norm(influence) / (other @ other))
+    influence = np.bincount(number, weights=(y - slope * x) * x)
+    return slope, float(np.linalg.norm(influence) / (x @ x))
 
 
 def with_implausible(fits: xr.Dataset, findings: Sequence[Finding]) -> xr.Dataset:
@@ -600,7 +600,7 @@ def with_implausible(fits: xr.Dataset, findings: Sequence[Finding]) -> xr.Datase
 def plausibility_warnings(fits: xr.Dataset) -> list[str]:
     """Return one sentence for each finding stored by :func:`with_implausible`."""
     stored = json.loads(str(fits.attrs.get("implausible_reports", "[]")))
-    return [str(Finding(**one | {"aircraft": tuple(one["aircraft"])})) for one in stored]
+    return [str(Finding(**fields | {"aircraft": tuple(fields["aircraft"])})) for fields in stored]
 
 
 def taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLike) -> str:
@@ -630,12 +630,12 @@ def taken_for(offset: ArrayLike, standard_error: ArrayLike, declination: ArrayLi
 
 def mean_declination(headings: xr.Dataset) -> Array:
     """Mean declination (aircraft,) of the reports used, degrees; NaN without a report."""
-    found = []
+    means = []
     for block in blocks(headings, ["declination", "screening"]):
         used = block["declination"].where(block["screening"] == 0).to_numpy()
         mean = pd.Series(used.astype(np.float64)).groupby(aircraft_of_report(block)).mean()
-        found.append(mean.reindex(range(block.sizes["aircraft"])).to_numpy(np.float64))
-    return np.concatenate(found)
+        means.append(mean.reindex(range(block.sizes["aircraft"])).to_numpy(np.float64))
+    return np.concatenate(means)
 
 
 def heading_kind_warnings(fits: xr.Dataset, reference: str) -> list[str]:

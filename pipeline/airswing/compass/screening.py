@@ -131,8 +131,8 @@ def mark_corrected_units(
     before ``end`` (None: the end of the archive); dask arrays stay lazy.
     """
     read = headings[["time", "row_size"]]
-    found = map_aircraft(_field_test, read, aircraft=list(aircraft), start=start, end=end)
-    bits = headings["screening"] | found["screening"]
+    flags = map_aircraft(_field_test, read, aircraft=list(aircraft), start=start, end=end)
+    bits = headings["screening"] | flags["screening"]
     # xarray drops attributes in arithmetic
     return headings.assign(screening=bits.assign_attrs(headings["screening"].attrs))
 
@@ -140,9 +140,9 @@ def mark_corrected_units(
 def _field_test(
     headings: xr.Dataset, *, aircraft: list[str], start: np.datetime64, end: np.datetime64 | None
 ) -> xr.Dataset:
-    chosen = np.isin(headings["aircraft"].to_numpy().astype(str), aircraft)
+    corrected = np.isin(headings["aircraft"].to_numpy().astype(str), aircraft)
     time = headings["time"].to_numpy()
-    marked = chosen[aircraft_of_report(headings)] & (time >= start)
+    marked = corrected[aircraft_of_report(headings)] & (time >= start)
     if end is not None:
         marked &= time < end
     bits = marked.astype(np.int32) * np.int32(SCREENING["field_test"])
@@ -169,8 +169,8 @@ def audit(headings: xr.Dataset) -> xr.Dataset:
     >>> airswing.audit(headings)["together"].sum("aircraft").dims
     ('rule',)
     """
-    found = map_aircraft(_counts, headings[["screening", "row_size"]])
-    return found.assign_coords(rule=list(SCREENING), aircraft=headings["aircraft"].to_numpy())
+    counts = map_aircraft(_counts, headings[["screening", "row_size"]])
+    return counts.assign_coords(rule=list(SCREENING), aircraft=headings["aircraft"].to_numpy())
 
 
 def _counts(headings: xr.Dataset) -> xr.Dataset:

@@ -38,8 +38,8 @@ def aircraft_batches(ds: xr.Dataset, reports: int) -> Iterator[xr.Dataset]:
     start, stop = row_bounds(row_size.to_numpy())
     for group in aircraft_groups(row_size.to_numpy(), reports):
         rows = slice(int(start[group.start]), int(stop[group.stop - 1]))
-        part = ds.isel(aircraft=group, report=rows)
-        yield part.chunk({"report": -1}) if lazy else part
+        batch = ds.isel(aircraft=group, report=rows)
+        yield batch.chunk({"report": -1}) if lazy else batch
 
 
 def lazy_dataset(
@@ -74,8 +74,8 @@ def single_task(array: da.Array) -> Delayed:
     return task
 
 
-def _apply(function: Callable[..., xr.Dataset], parts: list[Any], kwargs: Any) -> xr.Dataset:
-    return function(*(_dataset(*part) for part in parts), **kwargs)
+def _apply(function: Callable[..., xr.Dataset], arguments: list[Any], kwargs: Any) -> xr.Dataset:
+    return function(*(_dataset(*argument) for argument in arguments), **kwargs)
 
 
 def _empty(ds: xr.Dataset) -> xr.Dataset:
@@ -98,9 +98,9 @@ def map_aircraft(
     ``args`` are computed before it is called. The result is dask-backed where ``ds`` or an argument
     is.
     """
-    if not any(_is_lazy(part) for part in (ds, *args)):
+    if not any(_is_lazy(dataset) for dataset in (ds, *args)):
         return function(ds, *args, **kwargs)
-    template = function(*(_empty(part) for part in (ds, *args)), **kwargs)
+    template = function(*(_empty(dataset) for dataset in (ds, *args)), **kwargs)
     chunks = [
         max(v.chunks[v.dims.index("report")])
         for v in ds.variables.values()
@@ -108,27 +108,27 @@ def map_aircraft(
     ]
     blocks = []
     for batch in aircraft_batches(ds, max(chunks, default=ds.sizes["report"])):
-        parts = []
-        for part in (batch, *args):
+        arguments = []
+        for dataset in (batch, *args):
             # variables one by one: dask would not share the tasks of a whole Dataset
             variables = {
                 name: (v.dims, v.to_numpy() if v.chunks is None else single_task(v.data), v.attrs)
-                for name, v in part.variables.items()
+                for name, v in dataset.variables.items()
             }
-            parts.append((variables, list(part.coords), part.attrs))
+            arguments.append((variables, list(dataset.coords), dataset.attrs))
         sizes = {name: batch.sizes[name] for name in ("report", "aircraft")}
-        task = delayed(_apply)(function, parts, kwargs)
+        task = delayed(_apply)(function, arguments, kwargs)
         blocks.append(lazy_dataset(task, template, sizes, batch))
-    whole_variables: dict[Hashable, xr.Variable] = {}
+    merged: dict[Hashable, xr.Variable] = {}
     for name, variable in blocks[0].variables.items():
         dim = next((dim for dim in ("report", "aircraft") if dim in variable.dims), None)
         if name in ds.indexes:
-            whole_variables[name] = ds.variables[name]
+            merged[name] = ds.variables[name]
         elif dim is None:
-            whole_variables[name] = variable
+            merged[name] = variable
         else:
-            whole = da.concatenate(  # type: ignore[no-untyped-call]
+            values = da.concatenate(  # type: ignore[no-untyped-call]
                 [block.variables[name].data for block in blocks], axis=variable.dims.index(dim)
             )
-            whole_variables[name] = xr.Variable(variable.dims, whole, variable.attrs)
-    return _dataset(whole_variables, list(blocks[0].coords), blocks[0].attrs)
+            merged[name] = xr.Variable(variable.dims, values, variable.attrs)
+    return _dataset(merged, list(blocks[0].coords), blocks[0].attrs)

@@ -137,9 +137,9 @@ def publish(aircraft: list[AircraftSums], options: Fit) -> xr.Dataset:
         shape = [sizes[dim] for dim in entry.dims[1:]]
         table[name] = np.full(shape, 0 if entry.dtype.startswith("i") else np.nan)
     for name, attribute in _COPIED.items():
-        table[name][:] = [getattr(one, attribute) for one in aircraft]
+        table[name][:] = [getattr(sums, attribute) for sums in aircraft]
     table["shared_error_regions"][...] = 1
-    fitted = {k: one.fit for k, one in enumerate(aircraft) if one.fit is not None}
+    fitted = {k: sums.fit for k, sums in enumerate(aircraft) if sums.fit is not None}
     for k, fit in fitted.items():
         table["condition_number"][k] = condition_number(fit.normal, fit.cycles)
     ok = STATUS["ok"]
@@ -147,8 +147,8 @@ def publish(aircraft: list[AircraftSums], options: Fit) -> xr.Dataset:
     usable = published(table["status"])
     _publish_offsets(
         table,
-        {k: one.constant for k, one in enumerate(aircraft) if one.constant is not None},
-        [one.flights < MIN_FLIGHTS for one in aircraft if one.constant is not None],
+        {k: sums.constant for k, sums in enumerate(aircraft) if sums.constant is not None},
+        [sums.flights < MIN_FLIGHTS for sums in aircraft if sums.constant is not None],
         [fit for k, fit in fitted.items() if usable[k]],
         joint=options.joint,
     )
@@ -179,10 +179,10 @@ def _publish_curves(table: _Table, curves: dict[int, AircraftFit], options: Fit)
         # estimate from one half differs by twice the sum of its influences, that from the other
         # half by the opposite, because all influences add up to zero
         first = fit.flight_order[: fit.flight_order.size // 2]
-        apart = 4.0 * fit.flight[first].sum(axis=0)[:3]
+        change = 4.0 * fit.flight[first].sum(axis=0)[:3]
         covariance = 4.0 * enlarged(fit.covariance, ratio)[:3, :3]
-        rms = np.degrees(np.sqrt(apart[0] ** 2 + 0.5 * (apart[1] ** 2 + apart[2] ** 2)))
-        changed = rms > HALVES_RMS and apart @ np.linalg.solve(covariance, apart) > HALVES_CHI2
+        rms = np.degrees(np.sqrt(change[0] ** 2 + 0.5 * (change[1] ** 2 + change[2] ** 2)))
+        changed = rms > HALVES_RMS and change @ np.linalg.solve(covariance, change) > HALVES_CHI2
         if changed or not fit.converged:
             table["status"][k] = STATUS["unstable_fit"]
     curves = {k: fit for k, fit in curves.items() if table["status"][k] == STATUS["ok"]}
@@ -191,16 +191,16 @@ def _publish_curves(table: _Table, curves: dict[int, AircraftFit], options: Fit)
         return
     shared = options.joint and options.shared_error and all(fit.blocks for fit in fits)
     if shared and table["report_count"][list(curves)].sum() >= LEAST_REPORTS:
-        found = _with_field(fits, options)
+        estimate = _with_field(fits, options)
     else:
-        found = _without_field(fits, ratio, options)
+        estimate = _without_field(fits, ratio, options)
     for row, (k, fit) in enumerate(curves.items()):
-        _publish_curve(table, k, fit, found, row, options.joint)
-    table["shared_error_regions"][...] = found.regions
+        _publish_curve(table, k, fit, estimate, row, options.joint)
+    table["shared_error_regions"][...] = estimate.regions
     if options.joint:
-        bias = found.bias.reshape(-1, 2)
+        bias = estimate.bias.reshape(-1, 2)
         average = np.tile(np.eye(2), bias.shape[0]) / bias.shape[0]
-        variance = np.diagonal(average @ found.bias_covariance @ average.T)
+        variance = np.diagonal(average @ estimate.bias_covariance @ average.T)
         table["reference_bias"][:] = bias.mean(axis=0)
         table["reference_bias_standard_error"][:] = np.sqrt(variance)
 
@@ -212,8 +212,8 @@ def _with_field(fits: list[AircraftFit], options: Fit) -> _Estimate:
     thetas, covariances, cycles, without = [], [], [], []
     for k, fit in enumerate(fits):
         weight = np.zeros(FOLDS)
-        for one in fit.blocks:
-            weight += np.bincount(one.segment // SEGMENTS_A_DAY % FOLDS, one.sums[0], FOLDS)
+        for blocks in fit.blocks:
+            weight += np.bincount(blocks.segment // SEGMENTS_A_DAY % FOLDS, blocks.sums[0], FOLDS)
         theta, square = fit.theta[: COMPASS + 1] + fleet.step[k], fleet.covariance[k]
         number, to_one, extra = _choice(
             fit, theta, square, np.flatnonzero(free[k]), np.linalg.pinv(square), options
@@ -237,41 +237,41 @@ def _with_field(fits: list[AircraftFit], options: Fit) -> _Estimate:
 
 def _without_field(fits: list[AircraftFit], ratio: Array, options: Fit) -> _Estimate:
     """Fit aircraft by aircraft, with the references' bias pooled over the fleet."""
-    choices, kept = [], []
+    choices, reduced = [], []
     for fit in fits:
         square = enlarged(fit.covariance, ratio)
         choices.append(_choice(fit, fit.theta, square, fit.free, fit.normal, options))
-        keep = choices[-1][1]  # the identity if no cycle is dropped
-        flight, day = fit.flight @ keep.T, fit.day @ keep.T
-        kept.append(replace(fit, theta=keep @ fit.theta, flight=flight, day=day))
+        mapping = choices[-1][1]  # the identity if no cycle is dropped
+        flight, day = fit.flight @ mapping.T, fit.day @ mapping.T
+        reduced.append(replace(fit, theta=mapping @ fit.theta, flight=flight, day=day))
     cycles, _, added = zip(*choices, strict=True)
-    fleet = pool(kept, joint=options.joint)
+    fleet = pool(reduced, joint=options.joint)
     widen = np.array([t_inflation(fit.freedom) for fit in fits])
     covariance = (fleet.covariance + np.array(added)) * widen[:, :, None] * widen[:, None]
     without = np.array(
         [
             theta[:COMPASS] + _without_days(fit, square)
-            for fit, theta, square in zip(kept, fleet.theta, fleet.covariance, strict=True)
+            for fit, theta, square in zip(reduced, fleet.theta, fleet.covariance, strict=True)
         ]
     )
-    found = fleet.theta, covariance, list(cycles), without, fleet.bias, fleet.bias_covariance
-    return _Estimate(*found)
+    fields = fleet.theta, covariance, list(cycles), without, fleet.bias, fleet.bias_covariance
+    return _Estimate(*fields)
 
 
 def _without_days(fit: AircraftFit, covariance: Array) -> Array:
     """Change of A to E (FOLDS, 5) without each part of the days, from their influences."""
     used = np.flatnonzero(np.diagonal(fit.day_covariance)[:COMPASS])
     influence = fit.day[:, used] @ _matched(fit.covariance, covariance, used)
-    part = fit.day_number % FOLDS
-    found = np.zeros((FOLDS, COMPASS))
-    np.add.at(found, (part[:, np.newaxis], used), -influence)
-    return found * _enlargement(np.bincount(part, minlength=FOLDS))[:, np.newaxis]
+    fold = fit.day_number % FOLDS
+    change = np.zeros((FOLDS, COMPASS))
+    np.add.at(change, (fold[:, np.newaxis], used), -influence)
+    return change * _enlargement(np.bincount(fold, minlength=FOLDS))[:, np.newaxis]
 
 
-def _matched(covariance: Array, other: Array, used: Index) -> Array:
+def _matched(covariance: Array, target: Array, used: Index) -> Array:
     """Matrix that scales influences from one covariance of some parameters to another."""
     square = np.ix_(used, used)
-    old, new = np.linalg.cholesky(covariance[square]), np.linalg.cholesky(other[square])
+    old, new = np.linalg.cholesky(covariance[square]), np.linalg.cholesky(target[square])
     return np.asarray(np.linalg.solve(old.T, new.T))
 
 
@@ -285,33 +285,33 @@ def _choice(
     fit: AircraftFit, theta: Array, covariance: Array, free: Index, normal: Array, options: Fit
 ) -> tuple[int, Array, Array]:
     """Number of cycles, the matrix that maps to the estimate with it, and the covariance to add."""
-    keep, added = np.eye(theta.size), np.zeros_like(covariance)
+    mapping, added = np.eye(theta.size), np.zeros_like(covariance)
     if fit.cycles == 1 or options.harmonics != "auto":
-        return fit.cycles, keep, added
+        return fit.cycles, mapping, added
     statistic = float(theta[3:5] @ np.linalg.solve(covariance[3:5, 3:5], theta[3:5]))
     # a quasi-BIC that counts independent clusters instead of reports; with one or two days the
     # price of the two parameters would be close to zero
     if statistic > 2.0 * np.log(max(fit.day_number.size, 3)):
-        return 2, keep, added
-    others = free[(free != 3) & (free != 4)]
-    keep[3:5, 3:5] = 0.0
-    keep[np.ix_(others, [3, 4])] = np.linalg.solve(
-        normal[np.ix_(others, others)], normal[np.ix_(others, [3, 4])]
+        return 2, mapping, added
+    retained = free[(free != 3) & (free != 4)]
+    mapping[3:5, 3:5] = 0.0
+    mapping[np.ix_(retained, [3, 4])] = np.linalg.solve(
+        normal[np.ix_(retained, retained)], normal[np.ix_(retained, [3, 4])]
     )
     # for A, B and C the shift is possible bias plus noise; the positive part of Stein's factor
     # removes the noise
-    shift = theta - keep @ theta
+    shift = theta - mapping @ theta
     added += (max(0.0, 1.0 - 2.0 / statistic) if statistic > 0 else 0.0) * np.outer(shift, shift)
     # D and E, published as zero, keep their covariance, plus the square of their estimate: their
     # interval then holds a small second cycle that the data could not show
     added[3:5, 3:5] = covariance[3:5, 3:5] + np.outer(shift[3:5], shift[3:5])
-    return 1, keep, added
+    return 1, mapping, added
 
 
 def _publish_curve(
-    table: _Table, k: int, fit: AircraftFit, found: _Estimate, row: int, joint: bool
+    table: _Table, k: int, fit: AircraftFit, estimate: _Estimate, row: int, joint: bool
 ) -> None:
-    theta, covariance = found.theta[row], found.covariance[row]
+    theta, covariance = estimate.theta[row], estimate.covariance[row]
     deviation = np.degrees(theta[:COMPASS])
     square = covariance[:COMPASS, :COMPASS] * np.degrees(1.0) ** 2
     if np.sqrt(np.diagonal(square)[:3].max()) > MAX_STANDARD_ERROR:
@@ -320,10 +320,10 @@ def _publish_curve(
     if not _improves(table, k, fit, theta[:COMPASS], covariance[:COMPASS, :COMPASS]):
         return
     table["deviation"][k], table["deviation_covariance"][k] = deviation, square
-    table["held_out_deviation"][k] = np.degrees(found.without[row])
+    table["held_out_deviation"][k] = np.degrees(estimate.without[row])
     for name, value, error in zip(_SINUSOID, *sinusoid(deviation, square), strict=True):
         table[name][k], table[f"{name}_standard_error"][k] = value, error
-    table["harmonics"][k] = found.cycles[row]
+    table["harmonics"][k] = estimate.cycles[row]
     if joint:
         table["airspeed_scale"][k] = theta[COMPASS]
         table["airspeed_scale_standard_error"][k] = np.sqrt(covariance[COMPASS, COMPASS])
@@ -338,8 +338,8 @@ def _publish_offsets(
     joint: bool,
 ) -> None:
     """Publish the constant of every aircraft that has no curve."""
-    found = offsets(list(constants.values()), few, curves, joint=joint)
-    for (k, fit), offset in zip(constants.items(), found, strict=True):
+    estimates = offsets(list(constants.values()), few, curves, joint=joint)
+    for (k, fit), offset in zip(constants.items(), estimates, strict=True):
         if offset is None:
             continue
         error = np.degrees(np.sqrt(offset.variance))
@@ -362,7 +362,7 @@ def _improves(table: _Table, k: int, fit: AircraftFit, theta: Array, covariance:
     gain = _held_out_improvement(table, k, fit, theta, covariance)
     # on few headings no bias was fitted, and an error of the airspeed looks like one
     biased = fit.free[-1] > COMPASS and fit.held_out
-    if biased and all(np.hypot(*_bias(one, theta)) > IMPLAUSIBLE for one in fit.held_out):
+    if biased and all(np.hypot(*_bias(sums, theta)) > IMPLAUSIBLE for sums in fit.held_out):
         table["status"][k] = STATUS["implausible_reports"]
         return False
     size = 5 if theta[3:].any() else 3
@@ -389,23 +389,23 @@ def _held_out_improvement(
     parts = np.bincount(fit.fold, minlength=FOLDS)
     if not used.size or np.count_nonzero(parts) < 2:
         return None
-    weight = np.sum([one.weight for one in fit.held_out], axis=0)
+    weight = np.sum([sums.weight for sums in fit.held_out], axis=0)
     influence = fit.flight[:, used] @ _matched(fit.covariance, covariance, used)
     left_out = np.zeros((FOLDS, COMPASS))
     np.add.at(left_out, (fit.fold[:, np.newaxis], used), influence)
     at = theta - left_out / np.maximum(1.0 - weight / weight.sum(), 0.1)[:, np.newaxis]
     gain = np.zeros(FOLDS)
-    for one in fit.held_out:
-        bias = _bias(one, theta)
+    for sums in fit.held_out:
+        bias = _bias(sums, theta)
         bias *= min(1.0, MAX_BIAS / max(float(np.hypot(*bias)), 1e-9))
-        gain += 2.0 * (at * (one.linear - one.bias @ bias)).sum(axis=1)
-        gain -= np.einsum("fi,fij,fj->f", at, one.square, at)
+        gain += 2.0 * (at * (sums.linear - sums.bias @ bias)).sum(axis=1)
+        gain -= np.einsum("fi,fij,fj->f", at, sums.square, at)
     seen = weight > 0
     mean = float(gain.sum() / weight.sum())
     # from the scatter between the parts
-    apart = gain[seen] - mean * weight[seen]
+    difference = gain[seen] - mean * weight[seen]
     number = np.count_nonzero(seen)
-    error = np.sqrt(float(apart @ apart) * number / (number - 1)) / weight.sum()
+    error = np.sqrt(float(difference @ difference) * number / (number - 1)) / weight.sum()
     table["held_out_improvement"][k], table["held_out_improvement_standard_error"][k] = mean, error
     return mean
 

@@ -120,19 +120,19 @@ def sum_aircraft(
     for name in FITTED_FROM[:-1]:
         if name not in headings:
             raise InputError("the headings lack a variable the fit needs", field=name)
-    known = [str(name) for name in headings["reference"].to_numpy()]
-    groups = {name: [k] for k, name in enumerate(known)} if alone or not pools else {}
+    references = [str(name) for name in headings["reference"].to_numpy()]
+    groups = {name: [k] for k, name in enumerate(references)} if alone or not pools else {}
     for pool_name, members in (pools or {}).items():
-        unknown = [name for name in members if name not in known]
+        unknown = [name for name in members if name not in references]
         if unknown or not members:
             raise InputError(
                 "the pool names a reference that is not in the headings",
                 field=pool_name,
                 found=", ".join(unknown) or "no member",
-                remedy=f"References: {', '.join(known)}",
+                remedy=f"References: {', '.join(references)}",
             )
-        groups[pool_name] = [known.index(name) for name in members]
-    asked = Fit(**options)
+        groups[pool_name] = [references.index(name) for name in members]
+    settings = Fit(**options)
     read = headings[[name for name in FITTED_FROM if name in headings]]
     read = read.drop_vars(["aircraft", "reference"], errors="ignore")
     names = [name for name in FITTED_FROM if name in read]
@@ -144,18 +144,18 @@ def sum_aircraft(
             input_core_dims=[dims.get(name, ["report"]) for name in names],
             output_core_dims=[["reference", "aircraft"]],
             exclude_dims={"reference"},
-            kwargs={"names": names, "groups": list(groups.values()), "options": asked},
+            kwargs={"names": names, "groups": list(groups.values()), "options": settings},
             dask="parallelized",
             output_dtypes=[object],
             dask_gufunc_kwargs={"output_sizes": {"reference": len(groups)}, "allow_rechunk": True},
         )
         for batch in aircraft_batches(read, BATCH_REPORTS)
     ]
-    found: xr.DataArray = xr.concat(batches, dim="aircraft")
-    return found.assign_coords(
+    sums: xr.DataArray = xr.concat(batches, dim="aircraft")
+    return sums.assign_coords(
         reference=("reference", np.array(list(groups), dtype=object)),
         aircraft=("aircraft", headings["aircraft"].to_numpy().astype(object)),
-    ).assign_attrs(options=asked, reference_count=len(known))
+    ).assign_attrs(options=settings, reference_count=len(references))
 
 
 def fit_sums(sums: xr.DataArray) -> xr.Dataset:
@@ -196,12 +196,12 @@ def _fit_batch(
     """Kernel of the fits over the aircraft of a batch, whose reports are concatenated."""
     columns = dict(zip(names, arrays, strict=True))
     row_size = columns.pop("row_size")
-    found = np.empty((len(groups), row_size.size), dtype=object)
+    sums = np.empty((len(groups), row_size.size), dtype=object)
     for k, (begin, end) in enumerate(zip(*row_bounds(row_size), strict=True)):
-        one = {name: column[..., begin:end] for name, column in columns.items()}
+        reports = {name: column[..., begin:end] for name, column in columns.items()}
         for j, members in enumerate(groups):
-            found[j, k] = _fit_one(one, members, options)
-    return found
+            sums[j, k] = _fit_single(reports, members, options)
+    return sums
 
 
 def _observations(
@@ -221,7 +221,7 @@ def _observations(
     argument = columns["magnetic_heading" if abscissa == "magnetic" else "heading"]
     common = columns["heading"] + argument + columns["airspeed"]
     used = (columns["screening"] == 0) & np.isfinite(common)
-    errors, speeds, known_errors = (
+    errors, speeds, standard_errors = (
         columns[name][members].astype(np.float64) for name in _PER_REFERENCE
     )
     masks = used & np.isfinite(errors + speeds)
@@ -234,18 +234,19 @@ def _observations(
     # mean horizontal field of the reports used over that of each report
     gain, mean, field = np.ones(used.size), np.nan, columns.get("horizontal_field")
     if field is not None:
-        known = np.isfinite(field) & (field > 0)
-        if (used & known).any():
-            mean = float(field[used & known].mean(dtype=np.float64))
-            gain[known] = mean / field[known]
-    angle, heading = (np.radians(one.astype(np.float64)) for one in (argument, columns["heading"]))
+        has_field = np.isfinite(field) & (field > 0)
+        if (used & has_field).any():
+            mean = float(field[used & has_field].mean(dtype=np.float64))
+            gain[has_field] = mean / field[has_field]
+    angle = np.radians(argument.astype(np.float64))
+    heading = np.radians(columns["heading"].astype(np.float64))
     airspeed, latitude, longitude, pressure = (
         columns[name].astype(np.float64)
         for name in ("airspeed", "latitude", "longitude", "pressure")
     )
     basis = deviation_basis(angle, gain)
     sets = []
-    for mask, error, speed, deviation in zip(masks, errors, speeds, known_errors, strict=True):
+    for mask, error, speed, deviation in zip(masks, errors, speeds, standard_errors, strict=True):
         variance = (np.radians(deviation) * airspeed) ** 2
         reports = Reports(
             basis,
@@ -264,52 +265,52 @@ def _observations(
     return sets, days, angle[used], mean
 
 
-def _fit_one(columns: dict[str, NDArray[Any]], members: list[int], options: Fit) -> AircraftSums:
-    sets, flight_day, angle, field = _observations(columns, members, options.abscissa)
+def _fit_single(reports: dict[str, NDArray[Any]], members: list[int], options: Fit) -> AircraftSums:
+    sets, flight_day, angle, field = _observations(reports, members, options.abscissa)
     # compass points with at least three headings and one in 500; fewer are turns or errors
     counts = np.bincount(np.rint(angle / (np.pi / 4)).astype(np.int64) % 8, minlength=8)
     points = int(np.count_nonzero(counts >= max(3.0, 0.002 * angle.size)))
-    found = AircraftSums(angle.size, flight_day.size, points, None, STATUS["ok"], field)
+    sums = AircraftSums(angle.size, flight_day.size, points, None, STATUS["ok"], field)
     if angle.size < options.min_reports:
-        found.status = STATUS["too_few_reports"]
+        sums.status = STATUS["too_few_reports"]
     elif flight_day.size < MIN_FLIGHTS:
-        found.status = STATUS["too_few_flights"]
+        sums.status = STATUS["too_few_flights"]
     elif points < options.min_compass_points:
-        found.status = STATUS["poor_heading_coverage"]
+        sums.status = STATUS["poor_heading_coverage"]
     blocks = options.joint and options.shared_error
-    fit = partial(fit_aircraft, sets, flight_day, joint=options.joint)
+    fit_sets = partial(fit_aircraft, sets, flight_day, joint=options.joint)
     # also where no curve will be published, because its condition number is published
     if points >= 3 and flight_day.size >= 2 and angle.size >= 20:
-        one = fit(harmonics=1 if options.harmonics == 1 else 2, with_blocks=blocks)
-        if options.harmonics == "auto" and one and condition_number(one.normal, 2) > MAX_CONDITION:
-            one = fit(harmonics=1, with_blocks=blocks)
-        found.fit = one
-    if found.status == STATUS["ok"]:
-        if found.fit is None:
-            found.status = STATUS["too_few_reports"]
-        elif condition_number(found.fit.normal, found.fit.cycles) > MAX_CONDITION:
-            found.status = STATUS["poor_heading_coverage"]
-    if found.status == STATUS["poor_heading_coverage"]:
-        found.constant = fit(harmonics=0)
-    elif found.status == STATUS["too_few_flights"]:
-        found.constant = _fit_of_stretches(sets, options)
-    return found
+        fit = fit_sets(harmonics=1 if options.harmonics == 1 else 2, with_blocks=blocks)
+        if options.harmonics == "auto" and fit and condition_number(fit.normal, 2) > MAX_CONDITION:
+            fit = fit_sets(harmonics=1, with_blocks=blocks)
+        sums.fit = fit
+    if sums.status == STATUS["ok"]:
+        if sums.fit is None:
+            sums.status = STATUS["too_few_reports"]
+        elif condition_number(sums.fit.normal, sums.fit.cycles) > MAX_CONDITION:
+            sums.status = STATUS["poor_heading_coverage"]
+    if sums.status == STATUS["poor_heading_coverage"]:
+        sums.constant = fit_sets(harmonics=0)
+    elif sums.status == STATUS["too_few_flights"]:
+        sums.constant = _fit_of_stretches(sets, options)
+    return sums
 
 
 def _fit_of_stretches(sets: list[Reports], options: Fit) -> AircraftFit | None:
     """Constant of an aircraft with too few flights, with stretches of flight as clusters."""
     # flight and stretch as one number: stretches since 1970 are far fewer than 10^9
     numbers = [
-        part.flight * 10**9 + part.time.astype("datetime64[s]").astype(np.int64) // STRETCH
-        for part in sets
+        reports.flight * 10**9 + reports.time.astype("datetime64[s]").astype(np.int64) // STRETCH
+        for reports in sets
     ]
-    known, where = np.unique(np.concatenate(numbers), return_inverse=True)
-    if known.size < MIN_FLIGHTS:
+    clusters, index = np.unique(np.concatenate(numbers), return_inverse=True)
+    if clusters.size < MIN_FLIGHTS:
         return None
-    parts = np.split(where, np.cumsum([number.size for number in numbers])[:-1])
+    indices = np.split(index, np.cumsum([number.size for number in numbers])[:-1])
     stretched = [
-        replace(reports, flight=part).take(np.argsort(part, kind="stable"))
-        for reports, part in zip(sets, parts, strict=True)
+        replace(reports, flight=index).take(np.argsort(index, kind="stable"))
+        for reports, index in zip(sets, indices, strict=True)
     ]
-    day = (known % 10**9) * STRETCH // 86_400
+    day = (clusters % 10**9) * STRETCH // 86_400
     return fit_aircraft(stretched, day, joint=options.joint, harmonics=0)

@@ -59,11 +59,11 @@ MANY = 150  # least number of clusters for which one common factor accounts for 
 
 @dataclass(frozen=True)
 class Scatter:
-    """Variance of the residual's components, m2 s-2: a constant plus ``part`` of the known one."""
+    """Variance of the residual's components, m2 s-2: constant plus ``share`` of the known one."""
 
     along: float
     cross: float
-    part: float
+    share: float
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class AircraftFit:
         return 2 if 4 in self.free else 1
 
 
-class _Pass:
+class _MemberModel:
     """Residuals, design columns and robust weights of some reports at given parameters."""
 
     def __init__(
@@ -137,10 +137,10 @@ class _Pass:
             ]
         )
         self.scatter = scatter or robust_scatter(self.residual, reports.variance)
-        known = self.scatter.part * reports.variance
+        variance = self.scatter.share * reports.variance
         # inverse variance times Tukey's weight
         self.weight = np.stack(
-            [1.0 / (self.scatter.cross + known), 1.0 / (self.scatter.along + known)]
+            [1.0 / (self.scatter.cross + variance), 1.0 / (self.scatter.along + variance)]
         )
         if not joint:
             self.weight[1] = 0.0
@@ -186,12 +186,12 @@ class _Pass:
         product = speed * reports.implied
         linear = reports.basis * product * np.sin(reports.heading_error)
         square = reports.basis * product * np.cos(reports.heading_error)
-        toward, other = heading - reports.heading_error, reports.implied * self.tukey
+        toward, implied = heading - reports.heading_error, reports.implied * self.tukey
         # V_A - V'_A, of which the bias is a part
         offset = np.stack(
             [
-                speed * np.sin(heading) - other * np.sin(toward),
-                speed * np.cos(heading) - other * np.cos(toward),
+                speed * np.sin(heading) - implied * np.sin(toward),
+                speed * np.cos(heading) - implied * np.cos(toward),
             ]
         )
         normal = np.stack([speed * np.cos(heading), -speed * np.sin(heading)])
@@ -209,11 +209,11 @@ class _Pass:
 def robust_scatter(residual: Array, variance: Array) -> Scatter:
     """Variances of the residual (2, n) from medians, which gross errors do not change.
 
-    ``part``, the share of the known variance (n,) that the residuals show, comes from the halves of
+    ``share``, the part of the known variance (n,) that the residuals show, comes from the halves of
     low and high known variance.
     """
     cross, along = residual**2
-    part, known = 0.0, 0.0
+    share, explained = 0.0, 0.0
     middle = np.median(variance)
     # more than half of the reports may have the lowest variance
     below = variance < middle if (variance < middle).any() else variance <= middle
@@ -221,14 +221,14 @@ def robust_scatter(residual: Array, variance: Array) -> Scatter:
     spread = float(variance[~below].mean()) - small if not below.all() else 0.0
     if spread > 1e-9:
         above, along, cross = np.median(cross[~below]), along[below], cross[below]
-        part = min(max(float(above - np.median(cross)) / MEDIAN_CHI2 / spread, 0.0), 1.0)
-        known = part * small
-    along_total, cross_total = (float(np.median(each)) / MEDIAN_CHI2 for each in (along, cross))
+        share = min(max(float(above - np.median(cross)) / MEDIAN_CHI2 / spread, 0.0), 1.0)
+        explained = share * small
+    raw_along, raw_cross = (float(np.median(square)) / MEDIAN_CHI2 for square in (along, cross))
     # the known variance may be overstated: at least a tenth is attributed to the wind
     return Scatter(
-        max(along_total - known, 0.1 * along_total, 1e-6),
-        max(cross_total - known, 0.1 * cross_total, 1e-6),
-        part,
+        max(raw_along - explained, 0.1 * raw_along, 1e-6),
+        max(raw_cross - explained, 0.1 * raw_cross, 1e-6),
+        share,
     )
 
 
@@ -249,7 +249,7 @@ def fit_aircraft(
     returns the sums that the fit of the fleet needs. None where a member has no report, or no
     report lies near any curve.
     """
-    if not members or not all(part.flight.size for part in members):
+    if not members or not all(reports.flight.size for reports in members):
         return None
     size = COMPASS + 1 + 2 * len(members)
     compass = np.arange(1 + 2 * harmonics)
@@ -262,45 +262,45 @@ def fit_aircraft(
     places = [np.r_[: COMPASS + 1, k : k + 2] for k in range(COMPASS + 1, size, 2)]
     scatters: list[Scatter | None] = [None] * len(members)
     for number in range(MOST_STEPS):
-        passes = [
-            _Pass(part, theta[place], scatter, joint=joint)
-            for part, place, scatter in zip(members, places, scatters, strict=True)
+        models = [
+            _MemberModel(reports, theta[place], scatter, joint=joint)
+            for reports, place, scatter in zip(members, places, scatters, strict=True)
         ]
-        held = scatters[0] is not None
+        is_fixed = scatters[0] is not None
         normal, score, scores = np.zeros((size, size)), np.zeros(size), np.zeros((flights, size))
-        for one, place in zip(passes, places, strict=True):
-            normal[np.ix_(place, place)] += one.normal
-            score[place] += one.score
-            each = (one.weighted * one.residual[:, np.newaxis]).sum(axis=0)
-            scores[:, place] -= group_sums(each.T, one.reports.flight, flights)
-        total = sum(one.total for one in passes)
+        for model, place in zip(models, places, strict=True):
+            normal[np.ix_(place, place)] += model.normal
+            score[place] += model.score
+            terms = (model.weighted * model.residual[:, np.newaxis]).sum(axis=0)
+            scores[:, place] -= group_sums(terms.T, model.reports.flight, flights)
+        total = sum(model.total for model in models)
         # slope of the robust score over the mean weight (Huber): about 0.8 for normal errors; near
         # zero or negative where almost all residuals are gross
-        kappa = max(sum(one.slope for one in passes) / total, 0.2) if total else 1.0
+        kappa = max(sum(model.slope for model in models) / total, 0.2) if total else 1.0
         # far from the solution most weights are zero, and the step would be too long
-        step = solve(normal[square], score[free]) / (kappa if held else max(kappa, 0.6))
+        step = solve(normal[square], score[free]) / (kappa if is_fixed else max(kappa, 0.6))
         half = solve(normal[square], scores[:, free].T @ scores[:, free])
         spread = np.sqrt(np.maximum(np.diagonal(solve(normal[square], half.T)), 0.0)) / kappa
         small = bool(np.all(np.abs(step) <= LARGEST_STEP * spread + ENOUGH))
         before = theta.copy()
         theta[free] += step
-        if small and held:
+        if small and is_fixed:
             break
         # residuals of a constant contain the cycles on the headings flown: variances that follow
         # the steps would shrink around one of two headings, and the other would pass for gross
         # errors
         if (small and number) or (number == 1 and not harmonics):
-            scatters = [one.scatter for one in passes]
+            scatters = [model.scatter for model in models]
     if not total:
         return None
 
     normals = None
     if min(flights, day_number.size) < MANY:
-        every = np.zeros((flights, size, size))
-        for one, place in zip(passes, places, strict=True):
-            each = np.einsum("kin,kjn->nij", one.weighted, one.design, optimize=False)
-            every[:, place[:, np.newaxis], place] += group_sums(each, one.reports.flight, flights)
-        normals = every[:, free[:, np.newaxis], free]
+        sums = np.zeros((flights, size, size))
+        for model, place in zip(models, places, strict=True):
+            terms = np.einsum("kin,kjn->nij", model.weighted, model.design, optimize=False)
+            sums[:, place[:, np.newaxis], place] += group_sums(terms, model.reports.flight, flights)
+        normals = sums[:, free[:, np.newaxis], free]
     # at the solution the scores add up to zero except for the last step
     centred = scores[:, free] - scores[:, free].mean(axis=0)
     root = inverse_root(normal[square])
@@ -315,10 +315,10 @@ def fit_aircraft(
     freedom = np.full(size, np.inf)
     freedom[free] = degrees_of_freedom(normal[square], normals, flights)
     rms_before, rms_after = (
-        float(np.sqrt(sum(float(one.tukey @ angle**2) for one, angle in pairs) / total))
+        float(np.sqrt(sum(float(model.tukey @ angle**2) for model, angle in pairs) / total))
         for pairs in (
-            [(one, one.reports.heading_error) for one in passes],
-            [(one, one.rest) for one in passes],
+            [(model, model.reports.heading_error) for model in models],
+            [(model, model.rest) for model in models],
         )
     )
     fold = (day if day_number.size >= 5 else np.arange(flights)) % FOLDS
@@ -331,15 +331,15 @@ def fit_aircraft(
         by_day,
         day_number,
         freedom,
-        small and held,
+        small and is_fixed,
         rms_before,
         rms_after,
         np.argsort(day, kind="stable"),
         fold,
-        [one.held_out(fold[one.reports.flight]) for one in passes],
+        [model.held_out(fold[model.reports.flight]) for model in models],
         [
-            one.blocks(before[place[SLOPES:]], move, kappa)
-            for one, place in zip(passes, places, strict=True)
+            model.blocks(before[place[SLOPES:]], move, kappa)
+            for model, place in zip(models, places, strict=True)
             if with_blocks
         ],
     )
@@ -355,15 +355,15 @@ def solve(normal: Array, score: Array) -> Array:
 
 def group_sums(values: Array, group: Index, groups: int) -> Array:
     """Sums of rows (n, ...) by group, 0 to ``groups - 1``."""
-    found = np.zeros((groups, *values.shape[1:]))
+    sums = np.zeros((groups, *values.shape[1:]))
     if group.size:
         if np.any(group[1:] < group[:-1]):
             # a stable sort keeps the order within a group, and sums are the same to the last bit
             order = np.argsort(group, kind="stable")
             values, group = values[order], group[order]
         first = np.flatnonzero(np.diff(group, prepend=-1))
-        found[group[first]] = np.add.reduceat(values, first, axis=0)
-    return found
+        sums[group[first]] = np.add.reduceat(values, first, axis=0)
+    return sums
 
 
 def inverse_root(normal: Array) -> Array:
@@ -385,9 +385,9 @@ def influences(score: Array, inverse_root: Array, normals: Array | None, kappa: 
         factor = clusters / max(clusters - size, 1)
         return np.asarray(score @ (inverse_root @ inverse_root.T * (np.sqrt(factor) / kappa)))
     whitened = score @ inverse_root
-    part, axes = np.linalg.eigh(inverse_root.T @ normals @ inverse_root)
+    leverage, axes = np.linalg.eigh(inverse_root.T @ normals @ inverse_root)
     # the leverage is one where a single cluster determines a parameter: its residual is zero
-    gain = 1.0 / np.sqrt(np.clip(1.0 - part, 0.05, 1.0))
+    gain = 1.0 / np.sqrt(np.clip(1.0 - leverage, 0.05, 1.0))
     turned = (whitened[:, np.newaxis, :] @ axes)[:, 0, :] * gain
     whitened = (axes @ turned[..., np.newaxis])[..., 0]
     return np.asarray(whitened @ inverse_root.T / kappa)
@@ -399,7 +399,7 @@ def degrees_of_freedom(normal: Array, normals: Array | None, clusters: int) -> A
         # flights have unequal weights: a third of their number is a cautious bound
         return np.full(normal.shape[0], max(clusters / 3.0, 1.0))
     inverse = np.linalg.pinv(normal, hermitian=True)
-    part = ((inverse @ normals) * inverse.T).sum(axis=2)
+    contribution = ((inverse @ normals) * inverse.T).sum(axis=2)
     # a parameter that is held fixed has no information in any flight
-    share = part / np.maximum(part.sum(axis=0), 1e-300)
+    share = contribution / np.maximum(contribution.sum(axis=0), 1e-300)
     return np.asarray(np.maximum(1.0 / np.maximum((share**2).sum(axis=0), 1e-12) - 1.0, 1.0))

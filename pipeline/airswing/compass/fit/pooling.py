@@ -50,7 +50,7 @@ FEWEST_AIRCRAFT = 6
 """Fewest aircraft whose along-track errors give the scatter of the reference's bias."""
 USUAL_BIAS = 0.5
 """m/s: scatter of the reference's bias between aircraft where it cannot be estimated."""
-HALVES_APART, HALVES_CHI2 = np.radians(1.0), 18.7
+HALVES_DIFFERENCE, HALVES_CHI2 = np.radians(1.0), 18.7
 """Least difference between the halves of the period, and its chi-square, of a changed compass: on
 one degree of freedom as rare as 25 on three, the limit for curves."""
 
@@ -126,8 +126,8 @@ def _between_scatter(estimate: Array, covariance: Array) -> float:
     information = inverse.sum(axis=1)
     weighted = np.einsum("taij,aj->ti", inverse, estimate)
     mean = np.linalg.solve(information, weighted[..., np.newaxis])
-    apart = estimate - mean[..., 0][:, np.newaxis]
-    square = np.einsum("tai,taij,taj->t", apart, inverse, apart)
+    difference = estimate - mean[..., 0][:, np.newaxis]
+    square = np.einsum("tai,taij,taj->t", difference, inverse, difference)
     log = -0.5 * (
         square + np.linalg.slogdet(total)[1].sum(axis=1) + np.linalg.slogdet(information)[1]
     )
@@ -146,10 +146,10 @@ def pool(fits: list[AircraftFit], *, joint: bool) -> Fleet:
     estimate, spread = thetas[:, b], wide[:, b, b]
     size = estimate.shape[1]
     if not joint:
-        none = np.full(size, np.nan)
-        return Fleet(thetas, wide, none, np.outer(none, none), np.empty(0))
+        missing = np.full(size, np.nan)
+        return Fleet(thetas, wide, missing, np.outer(missing, missing), np.empty(0))
     pairs = [slice(k, k + 2) for k in range(0, size, 2)]
-    tau = np.array([_between_scatter(estimate[:, part], spread[:, part, part]) for part in pairs])
+    tau = np.array([_between_scatter(estimate[:, pair], spread[:, pair, pair]) for pair in pairs])
     if len(fits) < 2:
         return Fleet(thetas, wide, estimate[0], spread[0], tau)
     prior = np.repeat(tau, 2) ** 2
@@ -179,7 +179,7 @@ def pool(fits: list[AircraftFit], *, joint: bool) -> Fleet:
         by_day[k] = daily.T @ daily
         twice = share[k] * prior
         random[k] = k_gain @ (total_random + between - twice - twice.T) @ k_gain.T
-    flight, day = (np.diagonal(one, axis1=1, axis2=2) for one in (by_flight, by_day))
+    flight, day = (np.diagonal(covariance, axis1=1, axis2=2) for covariance in (by_flight, by_day))
     mean_covariance = np.linalg.inv(inverse.sum(axis=0))
     day_part = common_day.T @ common_day + total_random
     wider = np.maximum(np.diagonal(day_part) / np.diagonal(mean_covariance), 1.0)
@@ -197,12 +197,11 @@ def offsets(
 ) -> list[Offset | None]:
     """Offset of every aircraft that has no curve, from its fit with ``harmonics=0``.
 
-    ``few`` says whether an aircraft has fewer than `MIN_FLIGHTS` flights, its clusters being
-    stretches; ``curves`` are those of the other aircraft against the same references; ``joint``
-    whether along-track errors were fitted. None where too few aircraft show the error of a single
-    flight.
+    ``few``: aircraft with fewer than `MIN_FLIGHTS` flights, whose clusters are stretches;
+    ``curves``: fits of the other aircraft against the same references; ``joint``: along-track
+    errors were fitted. None where too few aircraft show the error of a single flight.
     """
-    found: list[Offset | None] = [None] * len(fits)
+    estimates: list[Offset | None] = [None] * len(fits)
     # variance of B, C, D and E over the fleet
     mean = np.square(USUAL_CYCLE)
     if len(curves) >= FEWEST_CURVES:
@@ -213,15 +212,15 @@ def offsets(
         )
     cycles = np.repeat(mean / 2.0, 2)
     for kind in (False, True):
-        place = [k for k, one in enumerate(few) if one == kind]
+        place = [k for k, is_few in enumerate(few) if is_few == kind]
         group = [fits[k] for k in place]
         if not group or (kind and (len(group) < FEWEST_AIRCRAFT or not joint)):
             continue
         bias = _bias(group, [] if kind else curves, joint)
         ratio = float(day_ratio(group)[0])
         for k, fit in zip(place, group, strict=True):
-            found[k] = _offset(fit, bias, ratio, cycles)
-    return found
+            estimates[k] = _offset(fit, bias, ratio, cycles)
+    return estimates
 
 
 _Bias = tuple[Array, Array, Array]
@@ -230,20 +229,20 @@ _Bias = tuple[Array, Array, Array]
 
 def _offset(fit: AircraftFit, bias: _Bias, ratio: float, cycles: Array) -> Offset:
     mean, covariance, scatter = bias
-    slope, flown = (fit.normal[0, part] / fit.normal[0, 0] for part in (_BIASES, _CYCLES))
-    plain = float(fit.covariance[0, 0])
+    slope, flown = (fit.normal[0, columns] / fit.normal[0, 0] for columns in (_BIASES, _CYCLES))
+    raw = float(fit.covariance[0, 0])
     # errors of the references of a pool are correlated: their scatters add up, not their squares
     shared = ((np.abs(slope.reshape(-1, 2)) * scatter[:, np.newaxis]).sum(axis=0) ** 2).sum()
-    sampling = plain * float(t_inflation(fit.freedom[:1])[0] ** 2) * ratio
+    sampling = raw * float(t_inflation(fit.freedom[:1])[0] ** 2) * ratio
     variance = sampling + float(slope @ covariance @ slope) + float(shared)
     # only the mean of A to E over the headings flown is known
     square = np.diag(np.concatenate([[variance + flown**2 @ cycles], cycles]))
     square[0, 1:] = square[1:, 0] = -flown * cycles
     first = fit.flight_order[: fit.flight_order.size // 2]
-    apart = 4.0 * float(fit.flight[first, 0].sum())
+    change = 4.0 * float(fit.flight[first, 0].sum())
     # a step increases the scatter of the clusters itself, which is subtracted
-    inside = max(plain * ratio - apart**2 / (4.0 * fit.flight_order.size), 0.05 * plain * ratio)
-    changed = abs(apart) > HALVES_APART and apart**2 > HALVES_CHI2 * 4.0 * inside
+    inside = max(raw * ratio - change**2 / (4.0 * fit.flight_order.size), 0.05 * raw * ratio)
+    changed = abs(change) > HALVES_DIFFERENCE and change**2 > HALVES_CHI2 * 4.0 * inside
     value = float(fit.theta[0] - slope @ mean)
     return Offset(value, variance, fit.converged and not changed, square)
 
@@ -279,7 +278,7 @@ def _from_airspeed(group: list[AircraftFit]) -> tuple[Array, Array, float]:
         spread = error - np.median(error)
         return np.zeros(2), np.zeros((2, 2)), float(np.sqrt((spread**2).sum() / (len(group) - 1)))
     inverse = np.linalg.inv(design.T @ design)
-    found = inverse @ design.T @ error
-    rest = error - design @ found
-    variance = float(rest @ rest) / (len(group) - 3)
-    return found[1:], inverse[1:, 1:] * variance, float(np.sqrt(variance))
+    coefficients = inverse @ design.T @ error
+    residual = error - design @ coefficients
+    variance = float(residual @ residual) / (len(group) - 3)
+    return coefficients[1:], inverse[1:, 1:] * variance, float(np.sqrt(variance))

@@ -73,7 +73,7 @@ class Reports:
 
     def take(self, index: Index) -> Reports:
         """Return a subset of the reports."""
-        return Reports(*(getattr(self, one.name)[..., index] for one in fields(self)))
+        return Reports(*(getattr(self, entry.name)[..., index] for entry in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,8 @@ class Blocks:
         if segments[-1] - segments[0] >= segments.size or (np.diff(self.segment) < 0).any():
             keep = np.isin(self.segment, segments)
         names = ("latitude", "longitude", "log_pressure", "segment", "piece")
-        kept = {name: getattr(self, name)[keep] for name in names}
-        return replace(self, sums=self.sums[:, keep], **kept)
+        columns = {name: getattr(self, name)[keep] for name in names}
+        return replace(self, sums=self.sums[:, keep], **columns)
 
 
 def sum_blocks(
@@ -189,12 +189,12 @@ class FieldBasis:
         """Place the nodes for some blocks."""
         origin = (_middle(longitude), float(np.cos(np.radians(np.median(latitude)))))
         places = (latitude, _eastward(longitude, origin), log_pressure)
-        apart = (STATIC_SPACING, STATIC_SPACING, np.inf)
+        spacing = (STATIC_SPACING, STATIC_SPACING, np.inf)
         lasting = tuple(
             np.unique(
                 np.quantile(values, np.linspace(0, 1, max(nodes, 1 + int(np.ptp(values) // step))))
             )
-            for values, nodes, step in zip(places, STATIC_NODES, apart, strict=True)
+            for values, nodes, step in zip(places, STATIC_NODES, spacing, strict=True)
         )
         spans = [(float(values.min()), float(values.max())) for values in places[:2]]
         passing = tuple(
@@ -244,14 +244,14 @@ class FieldBasis:
         """Segment times number of regions, plus the region, of some places in their segments."""
         if self.regions == 1:
             return segment
-        found = np.zeros(segment.size, dtype=np.int64)
+        region = np.zeros(segment.size, dtype=np.int64)
         shift = (segment % SHIFTS) / SHIFTS
         for values, nodes, parts in zip((latitude, east), self.passing, self.cuts, strict=True):
             if parts > 1:
                 width = float(nodes[-1] - nodes[0]) / parts
-                part = np.floor((values - nodes[0]) / width + shift).astype(np.int64)
-                found = found * (parts + 1) + np.clip(part, 0, parts)
-        return np.asarray(segment * np.int64(self.regions) + found)
+                interval = np.floor((values - nodes[0]) / width + shift).astype(np.int64)
+                region = region * (parts + 1) + np.clip(interval, 0, parts)
+        return np.asarray(segment * np.int64(self.regions) + region)
 
 
 def _middle(longitude: Array) -> float:
@@ -305,16 +305,16 @@ class Stretch:
     every: int  # number of nodes of a segment, with or without blocks
 
     @classmethod
-    def of(cls, parts: list[Blocks], basis: FieldBasis) -> Stretch:
-        """Concatenate the blocks of a fleet, one part an aircraft."""
-        means = np.concatenate([part.sums for part in parts], axis=1)
+    def of(cls, fleet: list[Blocks], basis: FieldBasis) -> Stretch:
+        """Concatenate the blocks of a fleet, one element an aircraft."""
+        means = np.concatenate([blocks.sums for blocks in fleet], axis=1)
         weight = means[0].astype(np.float64)
         means[1:] *= (1.0 / weight).astype(np.float32)
         latitude, longitude, log_pressure, number, piece = (
-            np.concatenate([getattr(part, name) for part in parts])
+            np.concatenate([getattr(blocks, name) for blocks in fleet])
             for name in ("latitude", "longitude", "log_pressure", "segment", "piece")
         )
-        aircraft = np.repeat(np.arange(len(parts)), [part.segment.size for part in parts])
+        aircraft = np.repeat(np.arange(len(fleet)), [blocks.segment.size for blocks in fleet])
         east = _eastward(longitude, basis.origin)
         cell = basis.cells(latitude, east, number)
         change = np.zeros(piece.size, dtype=np.bool_)
@@ -359,8 +359,8 @@ class Stretch:
     def piece_sums(self) -> sparse.csr_matrix:
         """Sums over the blocks of each piece, (pieces, n)."""
         size = self.weight.size
-        each = np.ones(size), np.arange(size), np.append(self.opens, size)
-        return sparse.csr_matrix(each, shape=(self.opens.size, size))
+        entries = np.ones(size), np.arange(size), np.append(self.opens, size)
+        return sparse.csr_matrix(entries, shape=(self.opens.size, size))
 
     @cached_property
     def passing_design(self) -> sparse.csr_matrix:
@@ -374,8 +374,8 @@ class Stretch:
 
 def as_sparse(index: NDArray[np.integer], value: Array, columns: int) -> sparse.csr_matrix:
     """Sparse matrix of ``columns`` columns from the places and values of every row."""
-    rows, each = index.shape
-    start = np.arange(0, (rows + 1) * each, each, dtype=index.dtype)
+    rows, width = index.shape
+    start = np.arange(0, (rows + 1) * width, width, dtype=index.dtype)
     return sparse.csr_matrix((value.ravel(), index.ravel(), start), shape=(rows, columns))
 
 
@@ -388,18 +388,18 @@ class Precision:
     """
 
     def __init__(self, stretch: Stretch, variances: Variances) -> None:
-        self.stretch = one = stretch
-        self.weight = 1.0 / (variances.white[one.aircraft] / one.weight + variances.block)
-        total = np.add.reduceat(self.weight, one.opens)
+        self.stretch = stretch
+        self.weight = 1.0 / (variances.white[stretch.aircraft] / stretch.weight + variances.block)
+        total = np.add.reduceat(self.weight, stretch.opens)
         self.tied = variances.piece / (1.0 + variances.piece * total)
-        nodes = one.nodes
-        weighted = one.share * self.weight[:, np.newaxis]
-        design = as_sparse(one.node, weighted, one.segments.size * nodes)
-        of_piece = one.piece_sums @ design
+        nodes = stretch.nodes
+        weighted = stretch.share * self.weight[:, np.newaxis]
+        design = as_sparse(stretch.node, weighted, stretch.segments.size * nodes)
+        of_piece = stretch.piece_sums @ design
         tied = of_piece.copy()
         tied.data *= np.repeat(self.tied, np.diff(tied.indptr))
-        seen = (one.passing_design.T @ design - of_piece.T @ tied).tocoo()
-        self.inverse = np.zeros((one.segments.size, nodes, nodes))
+        seen = (stretch.passing_design.T @ design - of_piece.T @ tied).tocoo()
+        self.inverse = np.zeros((stretch.segments.size, nodes, nodes))
         self.inverse[seen.row // nodes, seen.row % nodes, seen.col % nodes] = seen.data
         self.inverse[:, np.arange(nodes), np.arange(nodes)] += 1.0 / variances.passing
         for matrix in self.inverse:  # in place: over a hemisphere these take most of the memory
@@ -407,9 +407,9 @@ class Precision:
 
     def within_pieces(self, values: Array) -> Array:
         """Apply the inverse covariance with the field known; shape (..., n)."""
-        found = values * self.weight
-        mean = np.add.reduceat(found, self.stretch.opens, axis=-1) * self.tied
-        return np.asarray(found - self.weight * mean[..., self.stretch.piece])
+        weighted = values * self.weight
+        mean = np.add.reduceat(weighted, self.stretch.opens, axis=-1) * self.tied
+        return np.asarray(weighted - self.weight * mean[..., self.stretch.piece])
 
     def passing(self, weighted: Array) -> Array:
         """Posterior mean of the passing part (segment * nodes, k).
@@ -432,34 +432,34 @@ def estimate_variances(stretch: Stretch, white: Array) -> Variances:
     By expectation-maximization for the field; by moments for blocks and pieces, whose expected
     squares would need the whole inverse. ``white`` (aircraft,) is that of a report of weight one.
     """
-    one, found = stretch, Variances(white, 0.3, 0.5, 0.5)
-    count = np.bincount(one.piece)
-    noise = white[one.aircraft] / one.weight
-    middle = one.opens + count // 2
-    node, node_share = one.node[middle] % one.nodes, one.share[middle]
-    segment = one.segment[middle][:, np.newaxis, np.newaxis]
+    variances = Variances(white, 0.3, 0.5, 0.5)
+    count = np.bincount(stretch.piece)
+    noise = white[stretch.aircraft] / stretch.weight
+    middle = stretch.opens + count // 2
+    node, node_share = stretch.node[middle] % stretch.nodes, stretch.share[middle]
+    segment = stretch.segment[middle][:, np.newaxis, np.newaxis]
     for _ in range(ROUNDS):
-        precision = Precision(one, found)
-        coefficients = precision.passing(precision.within_pieces(one.residual))
-        left = one.residual - (one.passing_design @ coefficients).T
-        mean = np.add.reduceat(left, one.opens, axis=1) / count
-        apart = float(((left - mean[:, one.piece]) ** 2).sum()) / 2.0
-        share = 1.0 - 1.0 / count[one.piece]
-        block = (apart - float((share * noise).sum())) / max(float((count - 1).sum()), 1.0)
+        precision = Precision(stretch, variances)
+        coefficients = precision.passing(precision.within_pieces(stretch.residual))
+        residual = stretch.residual - (stretch.passing_design @ coefficients).T
+        mean = np.add.reduceat(residual, stretch.opens, axis=1) / count
+        scatter = float(((residual - mean[:, stretch.piece]) ** 2).sum()) / 2.0
+        share = 1.0 - 1.0 / count[stretch.piece]
+        block = (scatter - float((share * noise).sum())) / max(float((count - 1).sum()), 1.0)
         # positive, because the precision of a part divides by its variance
         block = min(max(block, 1e-3), LARGEST_VARIANCE)
-        expected = np.add.reduceat(noise + block, one.opens) / count**2
+        expected = np.add.reduceat(noise + block, stretch.opens) / count**2
         # mean posterior variance of the passing part at the middle of a piece
         posterior = precision.inverse[segment, node[:, :, np.newaxis], node[:, np.newaxis]]
         unknown = float(np.einsum("pi,pij,pj->p", node_share, posterior, node_share).mean())
         piece = float((mean**2).mean() - expected.mean() + unknown)
         energy = float((coefficients**2).mean() + np.einsum("sii->si", precision.inverse).mean())
-        # nodes without blocks keep their prior variance
-        passing = (energy * one.nodes + (one.every - one.nodes) * found.passing) / one.every
-        found = Variances(
+        empty = stretch.every - stretch.nodes  # nodes without blocks keep their prior variance
+        passing = (energy * stretch.nodes + empty * variances.passing) / stretch.every
+        variances = Variances(
             white,
             block,
             min(max(piece, 1e-3), LARGEST_VARIANCE),
             min(max(passing, 1e-4), LARGEST_VARIANCE),
         )
-    return found
+    return variances

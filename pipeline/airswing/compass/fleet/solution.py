@@ -4,7 +4,7 @@ The fits of single aircraft are accurate enough for one linear step. The unknown
 `airswing.compass.fleet.information`, for all references together. Prior variances of the biases and
 of the lasting parts are estimated by restricted maximum likelihood (Schall's steps). The
 coefficients of the aircraft have no prior: a fleet with large deviations must not be shrunk to its
-mean. Up to `WRITTEN_OUT` unknowns the matrix is formed and inverted. With more unknowns
+mean. Up to `MOST_EXACT` unknowns the matrix is formed and inverted. With more unknowns
 
 * systems are solved by `scipy.sparse.linalg.cg`, preconditioned with the blocks of each aircraft
   and of each lasting part;
@@ -39,7 +39,7 @@ from airswing.errors import InputError
 SEGMENTS_A_DAY = 4  # segments of six hours, as in `airswing.compass.fleet.field`
 FEW_DAYS = 15
 """Number of days below which their scatter may widen the model's covariance and not narrow it."""
-WRITTEN_OUT = 1500
+MOST_EXACT = 1500
 """Unknowns up to which the matrix is formed: some 170 aircraft against one reference."""
 ROUNDS = 20  # most rounds of the prior variances
 STEP, COARSE_STEP = 1e-8, 1e-3
@@ -73,32 +73,32 @@ def solve_fleet(blocks: list[list[Blocks]], free: NDArray[np.bool_]) -> FleetFit
     ``blocks`` are those of every aircraft, one for each reference; ``free`` (aircraft, 6) are the
     coefficients that are fitted.
     """
-    segments = np.concatenate([np.unique(part.segment) for one in blocks for part in one])
+    segments = np.concatenate([np.unique(sums.segment) for row in blocks for sums in row])
     days = np.unique(segments // SEGMENTS_A_DAY) * SEGMENTS_A_DAY
-    references = [Reference([one[k] for one in blocks], free, days) for k in range(len(blocks[0]))]
-    equations = Equations(references, free)
-    right = np.zeros(equations.size)
-    for one, place in zip(references, equations.places, strict=True):
-        right[place] += one.start.sum(axis=0)
-    inverse = (Written if equations.size <= WRITTEN_OUT else Iterated)(equations, right)
-    found = inverse.solve(right)
+    references = [Reference([row[k] for row in blocks], free, days) for k in range(len(blocks[0]))]
+    system = Equations(references, free)
+    right = np.zeros(system.size)
+    for reference, place in zip(references, system.places, strict=True):
+        right[place] += reference.start.sum(axis=0)
+    inverse = (ExactInverse if system.size <= MOST_EXACT else IterativeInverse)(system, right)
+    solution = inverse.solve(right)
     scores = np.zeros((days.size, right.size))
-    for one, place in zip(references, equations.places, strict=True):
-        scores[:, place] += one.scores(found[place])
-    found = found + inverse.solve(scores.sum(axis=0) - inverse.prior * found)
+    for reference, place in zip(references, system.places, strict=True):
+        scores[:, place] += reference.scores(solution[place])
+    solution = solution + inverse.solve(scores.sum(axis=0) - inverse.prior * solution)
 
     # by part of the days; about their mean, as they add up to the score of the prior
-    apart = scores - scores.mean(axis=0)
-    part_of_day = days // SEGMENTS_A_DAY % FOLDS
-    by_part = np.array([apart[part_of_day == k].sum(axis=0) for k in range(FOLDS)])
-    without = -inverse.solve(by_part.T)
+    centred = scores - scores.mean(axis=0)
+    fold = days // SEGMENTS_A_DAY % FOLDS
+    by_fold = np.array([centred[fold == k].sum(axis=0) for k in range(FOLDS)])
+    without = -inverse.solve(by_fold.T)
 
     square = inverse.covariances()
-    part = inverse.squares(apart.T) + inverse.prior_squares()
-    part /= np.diagonal(square, axis1=1, axis2=2)
-    part /= 1.0 - np.mean([one.leverage() for one in references], axis=0)
+    inflation = inverse.squares(centred.T) + inverse.prior_squares()
+    inflation /= np.diagonal(square, axis1=1, axis2=2)
+    inflation /= 1.0 - np.mean([reference.leverage() for reference in references], axis=0)
     ratio = np.array(
-        [part[:, k][free[:, k]].mean() if free[:, k].any() else 1.0 for k in range(SLOPES)]
+        [inflation[:, k][free[:, k]].mean() if free[:, k].any() else 1.0 for k in range(SLOPES)]
     )
     for pair in ([1, 2], [3, 4]):
         ratio[pair] = ratio[pair].mean()
@@ -106,19 +106,19 @@ def solve_fleet(blocks: list[list[Blocks]], free: NDArray[np.bool_]) -> FleetFit
         ratio = np.maximum(ratio, 1.0)
     root = np.sqrt(ratio) * free
     # the mean error of the references over the blocks, from biases and lasting parts
-    rows = np.zeros((2, equations.size))
-    for one, craft, lasting in zip(references, equations.craft, equations.lasting, strict=True):
-        total = one.worth.sum() * len(references)
+    rows = np.zeros((2, system.size))
+    for reference, craft, lasting in zip(references, system.craft, system.lasting, strict=True):
+        total = reference.worth.sum() * len(references)
         for c in range(2):
-            rows[c, craft[:, SLOPES + c]] = one.worth / total
-            rows[c, lasting[c]] = one.lasting_worth / total
+            rows[c, craft[:, SLOPES + c]] = reference.worth / total
+            rows[c, lasting[c]] = reference.lasting_worth / total
     return FleetFit(
-        found[: free.size].reshape(free.shape),
+        solution[: free.size].reshape(free.shape),
         square * root[:, :, np.newaxis] * root[:, np.newaxis],
         without[: free.size].T.reshape(FOLDS, *free.shape),
-        rows @ found,
+        rows @ solution,
         rows @ inverse.solve(rows.T) * max(float(ratio.mean()), 1.0),
-        max(one.basis.regions for one in references),
+        max(reference.basis.regions for reference in references),
     )
 
 
@@ -128,8 +128,8 @@ class Equations:
     The coefficients come first (aircraft, 6), then each reference's biases and lasting part.
     """
 
-    def __init__(self, parts: list[Reference], free: NDArray[np.bool_]) -> None:
-        self.parts, self.free, self.aircraft = parts, free, free.shape[0]
+    def __init__(self, references: list[Reference], free: NDArray[np.bool_]) -> None:
+        self.references, self.free, self.aircraft = references, free, free.shape[0]
         # of each reference: its unknowns among all, those of the aircraft (aircraft, 8), and those
         # of the lasting part (2, functions)
         self.places: list[Index] = []
@@ -139,9 +139,9 @@ class Equations:
         # of a lasting part, the last of its functions, has no prior.
         self.groups: list[Index] = []
         coefficients, start = np.arange(free.size), free.size
-        for part in parts:
+        for reference in references:
             bias = start + np.arange(2 * self.aircraft).reshape(self.aircraft, 2)
-            lasting = start + bias.size + np.arange(2 * part.functions).reshape(2, -1)
+            lasting = start + bias.size + np.arange(2 * reference.functions).reshape(2, -1)
             self.craft.append(np.hstack([coefficients.reshape(free.shape), bias]))
             self.lasting.append(lasting)
             self.places.append(np.concatenate([coefficients, bias.ravel(), lasting.ravel()]))
@@ -151,15 +151,15 @@ class Equations:
 
     def times(self, values: Array) -> Array:
         """Multiply with some columns, (size, k)."""
-        found = np.zeros_like(values)
-        for part, craft, lasting in zip(self.parts, self.craft, self.lasting, strict=True):
-            above, below = part.times(values[craft], values[lasting])
-            found[craft] += above
-            found[lasting] += below
-        return found
+        product = np.zeros_like(values)
+        for reference, rows, lasting in zip(self.references, self.craft, self.lasting, strict=True):
+            above, below = reference.times(values[rows], values[lasting])
+            product[rows] += above
+            product[lasting] += below
+        return product
 
 
-class Written:
+class ExactInverse:
     """Inverse of the Newton matrix of few aircraft, with its prior."""
 
     def __init__(self, equations: Equations, right: Array) -> None:
@@ -196,17 +196,17 @@ class Written:
 
     def squares(self, columns: Array) -> Array:
         """Sum of squares of the products with some columns, (aircraft, 6)."""
-        found = self.covariance[: self.aircraft * SLOPES] @ columns
-        return np.asarray((found**2).sum(axis=1).reshape(self.aircraft, SLOPES))
+        product = self.covariance[: self.aircraft * SLOPES] @ columns
+        return np.asarray((product**2).sum(axis=1).reshape(self.aircraft, SLOPES))
 
     def prior_squares(self) -> Array:
         """Sum of squares with the prior as weights, (aircraft, 6)."""
-        found = self.covariance[: self.aircraft * SLOPES] ** 2 @ self.prior
-        return np.asarray(found.reshape(self.aircraft, SLOPES))
+        total = self.covariance[: self.aircraft * SLOPES] ** 2 @ self.prior
+        return np.asarray(total.reshape(self.aircraft, SLOPES))
 
 
-class Iterated:
-    """Inverse of the Newton matrix of many aircraft, never formed; methods as in `Written`."""
+class IterativeInverse:
+    """Inverse of the Newton matrix of many aircraft, never formed; methods as in `ExactInverse`."""
 
     def __init__(self, equations: Equations, right: Array) -> None:
         self.equations, self.aircraft = equations, equations.aircraft
@@ -215,74 +215,74 @@ class Iterated:
         self.place = np.hstack([equations.craft[0][:, :SLOPES], *biases])
         width = self.place.shape[1]
         self.blocks = np.zeros((self.aircraft, width, width))
-        for k, part in enumerate(equations.parts):
-            kept = np.array([*range(SLOPES), SLOPES + 2 * k, SLOPES + 2 * k + 1])
-            self.blocks[:, kept[:, np.newaxis], kept] += part.aircraft_blocks()
-        self.held = np.zeros(right.size)
+        for k, reference in enumerate(equations.references):
+            columns = np.array([*range(SLOPES), SLOPES + 2 * k, SLOPES + 2 * k + 1])
+            self.blocks[:, columns[:, np.newaxis], columns] += reference.aircraft_blocks()
+        self.fixed = np.zeros(right.size)
         diagonal = np.diagonal(self.blocks, axis1=1, axis2=2)[:, :SLOPES]
-        self.held[: equations.free.size] = np.where(equations.free, 0.0, diagonal.max()).ravel()
-        self.lasting = [part.lasting_block() for part in equations.parts]
-        self._find_prior(right)
+        self.fixed[: equations.free.size] = np.where(equations.free, 0.0, diagonal.max()).ravel()
+        self.lasting = [reference.lasting_block() for reference in equations.references]
+        self._estimate_prior(right)
 
     def solve(self, right: Array) -> Array:
-        """As in `Written`."""
-        return self._solved(right.reshape(right.shape[0], -1), FINE).reshape(right.shape)
+        """As in `ExactInverse`."""
+        return self._solve_columns(right.reshape(right.shape[0], -1), FINE).reshape(right.shape)
 
     def covariances(self) -> Array:
-        """As in `Written`."""
+        """As in `ExactInverse`."""
         low = np.concatenate([lasting.ravel() for lasting in self.equations.lasting])
         unit = np.zeros((self.prior.size, low.size))
         unit[low, np.arange(low.size)] = 1.0
-        solved = self._solved(unit, COARSE)
+        solved = self._solve_columns(unit, COARSE)
         among = solved[low]
         # symmetric only within the tolerance of the solver
         root = np.linalg.cholesky(np.linalg.inv((among + among.T) / 2.0))
-        part = solved[self.place[:, :SLOPES]] @ root
-        found = self.inverse[:, :SLOPES, :SLOPES] + part @ part.transpose(0, 2, 1)
+        factor = solved[self.place[:, :SLOPES]] @ root
+        covariance = self.inverse[:, :SLOPES, :SLOPES] + factor @ factor.transpose(0, 2, 1)
         # mean over the fleet of the true variances over these, by coefficient: Hutchinson's
         # estimate of a trace, each aircraft scaled to one
-        variance, ratio = np.diagonal(found, axis1=1, axis2=2), np.ones(SLOPES)
+        variance, ratio = np.diagonal(covariance, axis1=1, axis2=2), np.ones(SLOPES)
         for k in np.flatnonzero(self.equations.free.any(axis=0)):
             rows = np.flatnonzero(self.equations.free[:, k])
             right = np.zeros((self.prior.size, SIGNS))
             right[self.place[rows, k]] = _signs(rows.size, SIGNS) / np.sqrt(
                 variance[rows, k, np.newaxis]
             )
-            ratio[k] = (right * self._solved(right, COARSE)).sum() / (SIGNS * rows.size)
+            ratio[k] = (right * self._solve_columns(right, COARSE)).sum() / (SIGNS * rows.size)
         root = np.sqrt(ratio)
-        return np.asarray(found * root[:, np.newaxis] * root)
+        return np.asarray(covariance * root[:, np.newaxis] * root)
 
     def squares(self, columns: Array) -> Array:
-        """As in `Written`; many columns are reduced by random signs, with the same mean."""
+        """As in `ExactInverse`; many columns are reduced by random signs, with the same mean."""
         number = columns.shape[1]
         if number > MANY_SIGNS:
             columns = columns @ _signs(number, MANY_SIGNS) / np.sqrt(MANY_SIGNS)
-        found = self._solved(columns, COARSE)[: self.aircraft * SLOPES]
-        return np.asarray((found**2).sum(axis=1).reshape(self.aircraft, SLOPES))
+        product = self._solve_columns(columns, COARSE)[: self.aircraft * SLOPES]
+        return np.asarray((product**2).sum(axis=1).reshape(self.aircraft, SLOPES))
 
     def prior_squares(self) -> Array:
-        """As in `Written`."""
+        """As in `ExactInverse`."""
         signs = _signs(self.prior.size, MANY_SIGNS) / np.sqrt(MANY_SIGNS)
         return self.squares(np.sqrt(self.prior)[:, np.newaxis] * signs)
 
-    def _find_prior(self, right: Array) -> None:
+    def _estimate_prior(self, right: Array) -> None:
         """Estimate the variances of biases and lasting parts, the coefficients unknown."""
         groups = self.equations.groups
         columns = np.zeros((right.size, 1 + SIGNS * len(groups)))
         columns[:, 0] = right
-        signs = [slice(1 + SIGNS * k, 1 + SIGNS * (k + 1)) for k in range(len(groups))]
-        for group, some in zip(groups, signs, strict=True):
+        probes = [slice(1 + SIGNS * k, 1 + SIGNS * (k + 1)) for k in range(len(groups))]
+        for group, probe in zip(groups, probes, strict=True):
             # for the trace of the inverse over a group, which Schall's step needs
-            columns[group, some] = _signs(group.size, SIGNS)
+            columns[group, probe] = _signs(group.size, SIGNS)
         variance = np.full(len(groups), FIRST_VARIANCE)
         solved: Array | None = None
         self._set_prior(variance)
         for _ in range(ROUNDS):
             # from the solution of the round before: variances move less and less
-            solved = self._solved(columns, COARSE, solved)
+            solved = self._solve_columns(columns, COARSE, solved)
             before = variance.copy()
-            for k, (group, some) in enumerate(zip(groups, signs, strict=True)):
-                unknown = float((columns[group, some] * solved[group, some]).sum()) / SIGNS
+            for k, (group, probe) in enumerate(zip(groups, probes, strict=True)):
+                unknown = float((columns[group, probe] * solved[group, probe]).sum()) / SIGNS
                 energy = float((solved[group, 0] ** 2).sum())
                 variance[k] = _next_variance(energy, unknown, group.size, before[k])
             self._set_prior(variance)
@@ -295,16 +295,16 @@ class Iterated:
         self.prior[self.equations.free.size :] = 1.0 / UNKNOWN_VARIANCE
         for group, value in zip(self.equations.groups, variance, strict=True):
             self.prior[group] = 1.0 / value
-        added = (self.prior + self.held)[self.place]
+        added = (self.prior + self.fixed)[self.place]
         self.inverse = np.linalg.inv(self.blocks + added[:, :, np.newaxis] * np.eye(added.shape[1]))
         self.lasting_inverse = [
-            [np.linalg.inv(block + np.diag(self.prior[one])) for one in lasting]
+            [np.linalg.inv(block + np.diag(self.prior[rows])) for rows in lasting]
             for block, lasting in zip(self.lasting, self.equations.lasting, strict=True)
         ]
 
-    def _solved(self, right: Array, tolerance: float, start: Array | None = None) -> Array:
+    def _solve_columns(self, right: Array, tolerance: float, start: Array | None = None) -> Array:
         """Solve for each of some columns."""
-        size, added = right.shape[0], self.prior + self.held
+        size, added = right.shape[0], self.prior + self.fixed
 
         def times(vector: Array) -> Array:
             column = vector.reshape(-1, 1)
@@ -312,10 +312,10 @@ class Iterated:
 
         matrix = LinearOperator((size, size), matvec=times, dtype=np.float64)
         near = LinearOperator((size, size), matvec=self._preconditioned, dtype=np.float64)
-        found = np.zeros_like(right)
+        solution = np.zeros_like(right)
         for k, column in enumerate(right.T):
             first = None if start is None else start[:, k]
-            found[:, k], failed = cg(
+            solution[:, k], failed = cg(
                 matrix, column, first, rtol=tolerance, maxiter=ITERATIONS, M=near
             )
             if failed:
@@ -325,16 +325,16 @@ class Iterated:
                     found=f"{self.aircraft} aircraft, {ITERATIONS} iterations",
                     remedy="Set it to false, or divide the fleet by region.",
                 )
-        return found
+        return solution
 
     def _preconditioned(self, vector: Array) -> Array:
         values = vector.ravel()
-        found = np.empty_like(values)
-        found[self.place] = (self.inverse @ values[self.place][:, :, np.newaxis])[:, :, 0]
+        product = np.empty_like(values)
+        product[self.place] = (self.inverse @ values[self.place][:, :, np.newaxis])[:, :, 0]
         for inverses, lasting in zip(self.lasting_inverse, self.equations.lasting, strict=True):
-            for inverse, one in zip(inverses, lasting, strict=True):
-                found[one] = inverse @ values[one]
-        return found
+            for inverse, rows in zip(inverses, lasting, strict=True):
+                product[rows] = inverse @ values[rows]
+        return product
 
 
 def _signs(rows: int, columns: int) -> Array:
@@ -345,8 +345,8 @@ def _signs(rows: int, columns: int) -> Array:
 
 def _next_variance(energy: float, unknown: float, size: int, before: float) -> float:
     """Schall's step of one variance: energy of the effects over the number that the data show."""
-    known = max(size - unknown / before, 1e-9 * size)
-    return min(max(energy / known, SMALLEST_VARIANCE), LARGEST_VARIANCE)
+    effective = max(size - unknown / before, 1e-9 * size)
+    return min(max(energy / effective, SMALLEST_VARIANCE), LARGEST_VARIANCE)
 
 
 def group_variances(information: Array, score: Array, groups: list[Index]) -> Array:
