@@ -66,17 +66,3 @@ def test_a_script_without_a_main_guard_runs_once_and_workers_end_with_a_killed_p
             return
         time.sleep(0.1)
     raise AssertionError("the worker outlived its parent")
-
-
-def test_a_process_that_was_started_by_another_ends_with_its_worker(tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import multiprocessing\n"
-        "from airswing.guarded import guarded\n"
-        "if __name__ == '__main__':\n"
-        "    context = multiprocessing.get_context('spawn')\n"
-        "    child = context.Process(target=guarded, args=(abs, -1))\n"
-        "    child.start()\n"
-        "    child.join()\n"
-    )
-    assert subprocess.run([sys.executable, script], timeout=60, check=False).returncode == 0
