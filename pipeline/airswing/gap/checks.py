@@ -402,8 +402,8 @@ def adjusted_headings(headings: xr.Dataset, adjustment: Adjustment) -> xr.Datase
     """Correct winds, headings, airspeeds and their errors on the rows of an adjustment."""
     rows = adjustment.report
     dims: dict[str, tuple[str, ...]]
-    dims = {name: ("reference", "report") for name in ("heading_error", "airspeed_error")}
-    dims |= {f"reference_{side}_wind": ("reference", "report") for side in _SIDES}
+    against = ("heading_error", "airspeed_error", *(f"reference_{side}_wind" for side in _SIDES))
+    dims = {name: ("reference", "report") for name in against}
     dims |= {f"{side}_wind": ("report",) for side in _SIDES}
     dims |= {name: ("report",) for name in ("heading", "magnetic_heading", "airspeed")}
     new = {

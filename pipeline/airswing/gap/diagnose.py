@@ -246,7 +246,7 @@ def make_adjustment(fitted: Fitted, effects: Mapping[str, Effect]) -> Adjustment
         if term.group.named and not effects[name].deviates:
             target = reference if effects[name].scope == "reference" else report
             target = sensor if is_sensor(term, effects) else target
-            target += fitted.exact.effect(k)
+            target += fitted.exact.response.linear(k, fitted.exact.theta)
             names.append(name)
     change = -report
     if sensor.any():

@@ -62,17 +62,12 @@ class Variable:
     kind: str  # ``linear``, ``circular`` or ``category``
     values: Floats  # (n,) in the unit of :data:`UNITS`; categories by number; NaN where unknown
 
-    @property
-    def period(self) -> float:
-        """Period of a circular variable."""
-        return PERIOD.get(self.name, 360.0)
-
     def edges(self, number: int) -> Floats:
         """Divide the range of the values into about ``number`` cells; their edges, (m + 1,)."""
         if self.kind == "category":
             return np.asarray(np.arange(len(CATEGORIES[self.name]) + 1) - 0.5, np.float64)
         if self.kind == "circular":
-            return np.asarray(np.linspace(0.0, self.period, number + 1))
+            return np.asarray(np.linspace(0.0, PERIOD.get(self.name, 360.0), number + 1))
         ordered = np.sort(self.values[np.isfinite(self.values)])
         low, high = float(ordered[0]), float(ordered[-1])
         width = 0.005 * (high - low)

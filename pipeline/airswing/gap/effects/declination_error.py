@@ -51,12 +51,7 @@ class DeclinationError(HeadingEffect):
 
     name = "declination_error"
     title = "wrong magnetic variation"
-    draw = Draw(
-        _table,
-        ("mean_deg",),
-        scope="fleet",
-        compared=("mean_deg",),
-    )
+    draw = Draw(_table, ("mean_deg",), scope="fleet", compared=("mean_deg",))
     distinguished_by = {
         "compass_offset": "flights over a larger region, where the declination varies"
     }

@@ -22,10 +22,7 @@ class HardIron(CycleEffect):
     title = "heading error of one cycle"
     deviates = True
     draw = Draw(
-        cycle,
-        ("amplitude_deg",),
-        on_real_data=True,
-        compared=("amplitude_deg", "phase_deg"),
+        cycle, ("amplitude_deg",), on_real_data=True, compared=("amplitude_deg", "phase_deg")
     )
     physics = (
         "Magnetised parts and direct currents add a field fixed in the aircraft; against the "

@@ -21,12 +21,7 @@ class ReferenceTimeOffset(ProportionalEffect, WindEffect):
 
     name = "reference_time_offset"
     title = "model fields valid at another time than stamped"
-    draw = Draw(
-        Signed("offset_h"),
-        ("offset_h",),
-        scope="fleet",
-        compared=("offset_h",),
-    )
+    draw = Draw(Signed("offset_h"), ("offset_h",), scope="fleet", compared=("offset_h",))
     physics = (
         "Fields carry a wrong valid time, or a file is one forecast hour off: the reference runs "
         "ahead of the atmosphere (positive) or behind it."

@@ -25,10 +25,7 @@ class TasScale(AirspeedEffect):
     name = "tas_scale"
     title = "airspeed wrong by a factor"
     draw = Draw(
-        Signed("scale_percent"),
-        ("scale_percent",),
-        on_real_data=True,
-        compared=("scale_percent",),
+        Signed("scale_percent"), ("scale_percent",), on_real_data=True, compared=("scale_percent",)
     )
     physics = (
         "Errors of static port, pitot tube or temperature recovery make the true airspeed wrong "

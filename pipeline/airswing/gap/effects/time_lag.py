@@ -6,12 +6,7 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats
-from airswing.gap.effects.base import (
-    Parameter,
-    ProportionalEffect,
-    WindEffect,
-    log_pressure_lapse,
-)
+from airswing.gap.effects.base import Parameter, ProportionalEffect, WindEffect, log_pressure_lapse
 from airswing.synthetic.sealed.draws import Draw
 
 

@@ -336,12 +336,10 @@ def _unit_trace_shape(information: Floats) -> Floats:
 
 def next_day(able: Booleans) -> Integers:
     """First day, from each day on, on which each aircraft can change, (A, D); -1 for none."""
-    out = np.full(able.shape, -1, np.int64)
-    later = np.full(able.shape[0], -1, np.int64)
-    for d in range(able.shape[1] - 1, -1, -1):
-        later = np.where(able[:, d], d, later)
-        out[:, d] = later
-    return out
+    days = able.shape[1]
+    day = np.where(able, np.arange(days), days)
+    out = np.minimum.accumulate(day[:, ::-1], axis=1)[:, ::-1]
+    return np.where(out < days, out, -1)
 
 
 def _change_evidence(

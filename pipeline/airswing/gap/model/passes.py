@@ -157,11 +157,7 @@ def exchange_identifiers(frame: Frame, exchange: Exchange, sums: Sums) -> Frame:
 
 
 def _fit_with_exchange(
-    fitted: Fitted,
-    exchange: Exchange,
-    effects: Mapping[str, Effect],
-    tables: bool,
-    seed: int,
+    fitted: Fitted, exchange: Exchange, effects: Mapping[str, Effect], tables: bool, seed: int
 ) -> Fitted | None:
     frame = exchange_identifiers(fitted.frame, exchange, fitted.model.sums)
     corrected = prepared(frame, effects, tables=tables, seed=seed, noise=fitted.noise)
@@ -193,7 +189,7 @@ def is_sensor(term: Term, effects: Mapping[str, Effect]) -> bool:
 
 def _linearised(fitted: Fitted, effects: Mapping[str, Effect], tables: bool, seed: int) -> Fitted:
     exact, terms = fitted.exact, fitted.terms
-    linear = [exact.effect(k) for k in range(len(terms))]
+    linear = [exact.response.linear(k, exact.theta) for k in range(len(terms))]
     sensor = [k for k in range(len(terms)) if exact.response.sensor[k]]
     errors = sum((linear[k] for k in sensor), np.zeros((fitted.frame.size, 2)))
     size = np.hypot(*errors.T)

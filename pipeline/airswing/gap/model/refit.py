@@ -131,10 +131,6 @@ class Refit:
     instrumented: tuple[bool, ...]  # terms whose columns differ from their instruments
     response: Response
 
-    def effect(self, k: int) -> Floats:
-        """Change of the reported wind by the k-th term, (n, 2) m/s, to first order."""
-        return self.response.linear(k, self.theta)
-
 
 def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
     """Fit the coefficients of all terms exactly; arguments of `Response`."""

@@ -18,14 +18,7 @@ from airswing.gap.arrays import Floats
 from airswing.gap.model.candidates import Group, Table
 from airswing.gap.model.evidence import SMALL, dated_evidence, static_evidence
 from airswing.gap.model.sums import GATE
-from airswing.gap.model.terms import (
-    Model,
-    Statistics,
-    Term,
-    describe,
-    log_evidence,
-    set_prior,
-)
+from airswing.gap.model.terms import Model, Statistics, Term, describe, log_evidence, set_prior
 
 LOG = logging.getLogger(__name__)
 #: Share of a table's log evidence that a name must hold: a deviation of 5 degrees turns the heading
@@ -153,20 +146,16 @@ def _static_terms(model: Model, group: Group, stats: Statistics, factor: float) 
 def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list[Term]:
     """Best candidates by exact marginal likelihood together with the terms, best first."""
     able = [term for term in ranked if term.gate > GATE]
-    if not able:
-        return []
-    short: list[Term] = []
-    seen: set[tuple[object, ...]] = set()
+    best_of_kind: dict[tuple[object, ...], Term] = {}
     for term in able:
         group = term.group
         kind = (group.name, term.scope, group.dated, group.form if group.simple else ())
-        if kind not in seen:
-            seen.add(kind)
-            short.append(term)
-    names = [t for t in short if t.group.named][:NAMES]
-    tables = [t for t in short if not t.group.named and not t.group.simple][:TABLES]
-    short = names + tables + [t for t in short if t.group.simple]
-    scored = [_rescored(model, terms, term) for term in short]
+        best_of_kind.setdefault(kind, term)
+    first = list(best_of_kind.values())
+    names = [t for t in first if t.group.named][:NAMES]
+    tables = [t for t in first if not t.group.named and not t.group.simple][:TABLES]
+    simple = [t for t in first if t.group.simple]
+    scored = [_rescored(model, terms, term) for term in (*names, *tables, *simple)]
     # the screening score of fleet-wide candidates hardly says which form fits
     named = max((t for t in scored if t.group.named), key=lambda t: t.score, default=None)
     if named is not None and named.scope == "f":
@@ -262,7 +251,8 @@ def _is_as_simple(term: Term, rival: Term) -> bool:
 
 def _rescored(model: Model, terms: Sequence[Term], term: Term) -> Term:
     """A term with its exact evidence given others and its log prior as score."""
-    return term.with_score(model.gain(terms, term) + term.group.prior + set_prior(model, term))
+    score = model.gain(terms, term) + term.group.prior + set_prior(model, term)
+    return replace(term, score=score)
 
 
 def _posterior_weight(best: Term, rivals: Sequence[Term]) -> float:
@@ -298,7 +288,8 @@ def _prune_aircraft(model: Model, terms: Sequence[Term], term: Term) -> Term:
         index = np.r_[:offset, columns[np.isin(term.tails, tails)].ravel()]
         precision = model.precision([*terms, subset])
         evidence = log_evidence(gram[np.ix_(index, index)], score[index], precision, model.kappa)
-        return subset.with_score(evidence - nothing + term.group.prior + set_prior(model, subset))
+        score_without = evidence - nothing + term.group.prior + set_prior(model, subset)
+        return replace(subset, score=score_without)
 
     best = term
     while len(best.tails) > 1:

@@ -90,10 +90,6 @@ class Term:
         shape = np.eye(self.group.size) if self.shape is None else self.shape
         return np.asarray(np.kron(between, shape) / self.scale**2)
 
-    def with_score(self, score: float) -> Term:
-        """The term with another score."""
-        return replace(self, score=score)
-
 
 def set_prior(model: Model, term: Term) -> float:
     """Log prior of a term's aircraft and dates."""

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from airswing.gap.archive.reported_variables import CATEGORIES, KINDS, UNITS, Variable
+from airswing.gap.archive.reported_variables import CATEGORIES, KINDS, UNITS
 from airswing.gap.arrays import Floats
 from airswing.gap.effects import CATALOGUE, separated_by
 from airswing.gap.effects.base import Effect, Stated, WindEffect
@@ -306,8 +306,7 @@ def table_curve(fitted: Fitted, table: Table, tails: Sequence[int], values: Floa
     names = [curve.variable for curve in table.curves]
     edges, centres = [], []
     for name in names:
-        variable: Variable = variables[name]
-        bounds = variable.edges(CELLS[KINDS[name][0]][len(names) - 1])
+        bounds = variables[name].edges(CELLS[KINDS[name][0]][len(names) - 1])
         edges.append([float(x) for x in bounds])
         middle = 0.5 * (bounds[1:] + bounds[:-1])
         if KINDS[name][0] == "category":
