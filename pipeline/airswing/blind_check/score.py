@@ -82,10 +82,10 @@ def score_case(
         "claims": _claims(label, claims, unknown, truth),
     }
     if label["kind"] in ("single", "pair"):
-        score |= _of_names(label, claims)
+        score |= _score_names(label, claims)
     if label["outside"] is not None:
-        score |= _of_unknown(label, claims, unknown, false, fleet)
-    return asked | score | _closure(label, gap, background)
+        score |= _score_unknown(label, claims, unknown, false, fleet)
+    return asked | score | _score_closure(label, gap, background)
 
 
 def _claims(
@@ -106,7 +106,7 @@ def _claims(
     return out
 
 
-def _of_names(label: Label, claims: Sequence[Entry]) -> Score:
+def _score_names(label: Label, claims: Sequence[Entry]) -> Score:
     precision, recall, errors, deviations, dates = [], [], [], [], []
     for name in label["focus"]:
         effects = [effect for effect in label["effects"] if effect["name"] == name]
@@ -134,7 +134,7 @@ def _of_names(label: Label, claims: Sequence[Entry]) -> Score:
     }
 
 
-def _stated(effect: Injected, claims: Sequence[Entry]) -> list[Entry]:
+def _entries(effect: Injected, claims: Sequence[Entry]) -> list[Entry]:
     """Entries with parameters: of each aircraft that has the effect, otherwise of the claim."""
     tails = effect["tails"]
     out: list[Entry] = []
@@ -156,7 +156,7 @@ def parameter_errors(
     size = float(np.linalg.norm(true))
     if size == 0.0:
         return []
-    stated = [_components(compared, row["parameters"]) for row in _stated(effect, claims)]
+    stated = [_components(compared, row["parameters"]) for row in _entries(effect, claims)]
     return [float(np.linalg.norm(row - true)) / size for row in stated]
 
 
@@ -165,7 +165,7 @@ def standardised_errors(
 ) -> list[float]:
     """Errors of parameters in their stated standard errors (angles of phase excluded)."""
     out = []
-    for row in _stated(effect, claims):
+    for row in _entries(effect, claims):
         for key in compared:
             error = _number(row.get("standard_errors", {}), key)
             if key != "phase_deg" and error > 0.0:
@@ -217,7 +217,7 @@ def _reduction(entry: Entry) -> float:
     return 0.0 if closure is None else float(closure["reduction"])
 
 
-def _of_unknown(
+def _score_unknown(
     label: Label,
     claims: Sequence[Entry],
     unknown: Sequence[Entry],
@@ -244,7 +244,7 @@ def _of_unknown(
     }
 
 
-def _closure(label: Label, gap: Entry, background: set[str]) -> Score:
+def _score_closure(label: Label, gap: Entry, background: set[str]) -> Score:
     """Stated and true closure, kt; effects of the background are subtracted from the stated one."""
     closure = gap["closure"]
     true = label["closure"]["before"] - label["closure"]["after"]

@@ -148,8 +148,8 @@ def day_field_columns(frame: Frame) -> Floats:
     """Columns (n, 2, 20) of the day fields: u and v times {1, x, y, z} and products of two.
 
     The weather a model misses reaches some hundred km and a part of the troposphere: with fields
-    linear in place, scores of the fleet's effects scatter from day to day by four to ten times what
-    independent errors would give, with the products by two to four.
+    linear in place, scores of the fleet's effects scatter from day to day by four to ten times that
+    of independent errors, with the products by two to four.
     """
     x, y, z = _places(frame)
     squares = [x * x - 1, x * y, y * y - 1, x * z, y * z, z * z - 1]

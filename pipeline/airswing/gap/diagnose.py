@@ -48,7 +48,7 @@ class Diagnosis:
         ``noise_distance``, ``noise_autocovariance``, ``noise_autocovariance_model``,
         ``noise_level``, ``noise_level_factor``, ``pit_bin``, ``pit_count``, ``pit_count_before``.
     adjustment : Adjustment
-        What removes the effects other than the deviation from the winds.
+        Corrections of the winds for all effects but the deviation.
     """
 
     report: GapReport

@@ -60,7 +60,7 @@ def bank_at_reports(
     level = (roll_flag == ROLL["good"]) & np.isfinite(bank)
     if flagged.sum() < FEWEST or not level.any():
         return bank
-    lasting = _lasting(bank, flight)
+    lasting = _sustained_bank(bank, flight)
     # half the time from the report before to the one after, s; 0 at a flight's ends
     inside = (flight[2:] == flight[1:-1]) & (flight[1:-1] == flight[:-2])
     interval = np.zeros(time.size)
@@ -106,7 +106,7 @@ def _chord_bank(latitude: Floats, longitude: Floats, interval: Floats) -> Floats
     return np.asarray(np.arctan(speed * rate / GRAVITY))
 
 
-def _lasting(bank: Floats, flight: Integers) -> Floats:
+def _sustained_bank(bank: Floats, flight: Integers) -> Floats:
     """Least bank of a report and its neighbours if all turn one way, at most the flag's limit."""
     # at the ends of a flight the report replaces the missing neighbour
     before, after = bank.copy(), bank.copy()

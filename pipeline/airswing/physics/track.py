@@ -132,7 +132,7 @@ def ground_track(
     )
     fixes = _make_fixes(lat, lon, when, height, np.asarray(flight).reshape(-1), step, tick)
     # the plain window: one fix each way, none where there is no chord of any duration
-    linked = _same(fixes.segment, 1)
+    linked = _same_run(fixes.segment, 1)
     after = (linked & (fixes.duration > 0.0)).astype(np.int64)
     before = np.zeros_like(after)
     before[1:] = after[:-1]
@@ -190,7 +190,7 @@ def _geodesic(lat: Array, lon: Array, start: Index, end: Index) -> tuple[Array, 
     return np.radians(away), np.radians(back), np.asarray(length, dtype=np.float64)
 
 
-def _same(segment: Index, offset: int) -> Mask:
+def _same_run(segment: Index, offset: int) -> Mask:
     """Whether the fix ``offset`` further on belongs to the same unbroken run."""
     same = np.zeros(segment.size, dtype=bool)
     size = segment.size - abs(offset)
@@ -243,7 +243,7 @@ def _local_speed(fixes: _Fixes) -> Array:
 def _bends(fixes: _Fixes) -> Index:
     """Running count of fixes, up to and with each, where the track bends beyond its error."""
     bend = np.zeros(fixes.seconds.size, dtype=bool)
-    middle = np.flatnonzero(_same(fixes.segment, 1) & _same(fixes.segment, -1))
+    middle = np.flatnonzero(_same_run(fixes.segment, 1) & _same_run(fixes.segment, -1))
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b = 1.0 / fixes.distance[middle - 1], 1.0 / fixes.distance[middle]
         variance = fixes.position_variance[middle] * ((a + b) ** 2 + a**2 + b**2)
@@ -291,7 +291,7 @@ def _widen(fixes: _Fixes, before: Index, after: Index, density: float) -> None:
 
 def _reachable(fixes: _Fixes, bends: Index, rows: Index, offset: int) -> Mask:
     """Whether the fix at an offset is in the same run with no bend strictly between."""
-    reachable = _same(fixes.segment, offset)[rows]
+    reachable = _same_run(fixes.segment, offset)[rows]
     if abs(offset) > 1:
         low, high = (rows, rows + offset - 1) if offset > 0 else (rows + offset, rows - 1)
         size = fixes.seconds.size
@@ -325,7 +325,7 @@ def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> Groun
     rate = np.hypot(east, north) * turn / interval
     # Legs to the next fix. A geodesic's azimuth changes on the way (convergence of meridians): the
     # middle has half of it.
-    sound = _same(fixes.segment, 1) & (fixes.duration > 0.0)
+    sound = _same_run(fixes.segment, 1) & (fixes.duration > 0.0)
     bend = wrap_signed(fixes.backward + np.pi - fixes.forward)
     with np.errstate(divide="ignore", invalid="ignore"):
         leg_speed = np.where(sound, fixes.distance / fixes.duration, np.nan)

@@ -269,7 +269,7 @@ class _Fitted(NamedTuple):
     straight: Array  # probability of no turn, (m,)
 
 
-def _fitted(window: _Window, turns: _Turns) -> _Fitted:
+def _fit_hypotheses(window: _Window, turns: _Turns) -> _Fitted:
     weight, off = window.weight, window.off
     s = weight.sum(axis=1)[:, None].astype(np.float32)
     sy = (weight * off).sum(axis=1)[:, None].astype(np.float32)
@@ -329,7 +329,7 @@ def _estimates(index: Index, legs: _Legs, assumed: tuple[Array, ...]) -> tuple[A
     """
     window = _window(index, legs)
     turns = _Turns(window)
-    fit = _fitted(window, turns)
+    fit = _fit_hypotheses(window, turns)
     straight_heading, straight_speed, straight_heading_error, straight_speed_error = assumed
     straight, turned = fit.straight, 1.0 - fit.straight
     offset = wrap_signed(straight_heading - window.base)

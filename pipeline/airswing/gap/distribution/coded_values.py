@@ -76,7 +76,7 @@ def wind_coding(frame: Frame) -> EffectEntry | None:
     for tail, index in _by_aircraft(frame, speed > 3.0):
         # a coding in steps spreads over all values; a floor or a hole sends one or two speeds too
         # often, and there are at most twelve of a few directions at weak winds
-        fast, turned = index[_usual(speed[index], 2)], index[_usual(direction[index], 12)]
+        fast, turned = index[_infrequent(speed[index], 2)], index[_infrequent(direction[index], 12)]
         steps = (2.0, 5.0, 10.0)  # kt and degrees; reports come in whole ones anyway
         step, share = coarsest(speed[fast], steps, base=1.0)
         turn, turn_share = coarsest(direction[turned], steps, base=1.0)
@@ -97,7 +97,7 @@ def wind_coding(frame: Frame) -> EffectEntry | None:
     return effect_of("wind_coding", per_tail, evidence, period)
 
 
-def _usual(values: Floats, frequent: int) -> Booleans:
+def _infrequent(values: Floats, frequent: int) -> Booleans:
     """Reports (n,) but for those of the most frequent whole values."""
     rounded, number, count = np.unique(np.round(values), return_inverse=True, return_counts=True)
     if rounded.size <= 2 * frequent:

@@ -47,7 +47,7 @@ def effect_of(
         name=name,
         probability=probability(clearest),
         tails=list(per_tail),
-        parameters={key: _middle([row[key] for row in rows]) for key in rows[0]},
+        parameters={key: _median_or_mode([row[key] for row in rows]) for key in rows[0]},
         standard_errors=errors or {},
         period=period,
         scope="aircraft",
@@ -56,7 +56,7 @@ def effect_of(
     )
 
 
-def _middle(values: list[Value]) -> Value:
+def _median_or_mode(values: list[Value]) -> Value:
     numbers = [value for value in values if isinstance(value, float)]
     if len(numbers) == len(values):
         return float(np.median(numbers))

@@ -1,7 +1,7 @@
 """Reports that scatter more than simulated ones: of some aircraft, or as a function of a variable.
 
-The logarithm of the squared interpolation error of a report, in units of what the noise model
-expects, less that of simulated archives of the same paths, noise and coding, is a scalar y (Harvey
+The logarithm of the squared interpolation error of a report, over its expectation by the noise
+model, less that of simulated archives of the same paths, noise and coding, is a scalar y (Harvey
 1976, Econometrica 44, 461-465). A curve of y over a variable, on the fleet or on some aircraft, has
 the evidence of a table of the mean, with the usual variation of log variance in place of that of
 the wind. A common curve of the bank, which is noise, is removed first; the level of each aircraft

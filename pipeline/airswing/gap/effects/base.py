@@ -134,8 +134,8 @@ class Effect(ABC):
     # share of the effect's energy in its columns: below 1, as headings in turns are those of
     # chords, and lower where more of the context is inferred (bank, acceleration)
     reliability: ClassVar[float] = 0.99
-    # whether an effect that acts on no sensor reverses with the direction of flight, so that what
-    # lasts in the reference's error averages out
+    # whether an effect that acts on no sensor reverses with the direction of flight, so that
+    # the lasting error of the reference averages out
     reverses: ClassVar[bool] = False
     # whether it is part of the deviation that the product corrects
     deviates: ClassVar[bool] = False

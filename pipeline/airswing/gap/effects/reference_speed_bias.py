@@ -28,13 +28,13 @@ LEVELS = tuple(float(level) for level in range(875, 200, -50))
 """Candidate limits of a bias, hPa: midway between model levels every 50 hPa."""
 
 
-def _above(rng: np.random.Generator) -> dict[str, object]:
+def _draw_above(rng: np.random.Generator) -> dict[str, object]:
     # at all levels or above one
     above = None if rng.uniform() < 0.5 else float(rng.choice([500.0, 600.0, 700.0]))
     return {"bias_percent": 5.0 * sign(rng), "above_hPa": above}
 
 
-def _below(rng: np.random.Generator) -> dict[str, object]:
+def _draw_below(rng: np.random.Generator) -> dict[str, object]:
     return {"above_hPa": None, "below_hPa": float(rng.choice([600.0, 700.0, 800.0]))}
 
 
@@ -52,10 +52,10 @@ class ReferenceSpeedBias(Effect):
     name = "reference_speed_bias"
     title = "model wind too weak or too strong"
     draw = Draw(
-        _above,
+        _draw_above,
         ("bias_percent",),
         scope="fleet",
-        form=_below,
+        form=_draw_below,
         acts=_at_levels,
         compared=("bias_percent",),
     )

@@ -42,18 +42,18 @@ class ReferenceTimeOffset(ProportionalEffect, WindEffect):
 
     def columns(self, frame: Frame) -> Floats:
         tendency = np.stack([frame.dudt, frame.dvdt], axis=-1)
-        before, _, after = _near(frame)
+        before, _, after = _hourly_winds(frame)
         wide = (after - before) / (2.0 * HOUR)
         return np.nan_to_num(-np.where(np.isfinite(wide), wide, tendency))[None]
 
     def curvature(self, frame: Frame) -> Floats | None:
-        before, now, after = _near(frame)
+        before, now, after = _hourly_winds(frame)
         if not np.isfinite(before + after).any():
             return None
         return np.nan_to_num((0.5 * (before + after) - now) / HOUR**2)[None]
 
 
-def _near(frame: Frame) -> tuple[Floats, Floats, Floats]:
+def _hourly_winds(frame: Frame) -> tuple[Floats, Floats, Floats]:
     return (
         np.stack([frame.u_before, frame.v_before], axis=-1),
         np.stack([frame.u_ref, frame.v_ref], axis=-1),

@@ -10,7 +10,7 @@ from airswing.gap.effects.base import Parameter, ProportionalEffect, WindEffect,
 from airswing.synthetic.sealed.draws import Draw
 
 
-def _late(rng: np.random.Generator) -> dict[str, object]:
+def _delay(rng: np.random.Generator) -> dict[str, object]:
     return {"offset_s": 60.0}
 
 
@@ -23,7 +23,7 @@ class TimeLag(ProportionalEffect, WindEffect):
 
     name = "time_lag"
     title = "wind older than its position and time"
-    draw = Draw(_late, ("offset_s",), compared=("offset_s",))
+    draw = Draw(_delay, ("offset_s",), compared=("offset_s",))
     distinguished_by = {
         "altitude_offset": "both climbs and descents through the same shear",
         "reference_time_offset": "flights against the motion of the weather",

@@ -62,7 +62,7 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
     picks = rng.integers(0, days, (SAMPLES, days))
     drawn = by_day[:, picks].sum(axis=2) / count[picks].sum(axis=1)
     means = by_day.sum(axis=1) / count.sum()
-    unseen = [_unseen(fitted, claim) for claim in claims]
+    unseen = [_missed_ratio(fitted, claim) for claim in claims]
     steps = tuple(
         _step(means[j] - means[j + 1], drawn[j] - drawn[j + 1], doubt[j], unseen[j])
         for j in range(len(claims))
@@ -83,7 +83,7 @@ def _step(value: float, drawn: Floats, doubt: float, unseen: float) -> ClosesEnt
     return ClosesEntry(value, [value - half, value + half + unseen * max(value, 0.0)])
 
 
-def _unseen(fitted: Fitted, claim: Sequence[int]) -> float:
+def _missed_ratio(fitted: Fitted, claim: Sequence[int]) -> float:
     """Ratio of the closure that a claim may miss to its closure, 1 / q - 1.
 
     q is the share of an effect's energy that its columns hold: the reliability of inferred context,

@@ -68,7 +68,7 @@ def slices(model: Model) -> list[SliceEntry]:
         information = stats.fleet_information
         if np.trace(information) <= 1e-9:
             continue
-        # what lasts in the reference's error counts as noise of the fleet's coefficients
+        # the lasting error of the reference counts as noise of the fleet's coefficients
         variance, _ = common_variance(stats)
         total_score = score.sum(axis=(0, 1))
         coefficients = stats.fleet_inverse @ total_score

@@ -273,7 +273,7 @@ def _prune_aircraft(model: Model, terms: Sequence[Term], term: Term) -> Term:
     """A term without the aircraft that raise its exact evidence by their absence.
 
     The screening score gives the fleet's part back approximately: with an effect of several m/s on
-    one aircraft it includes others.
+    one aircraft it includes further ones.
     """
     if term.scope != "a":
         return term

@@ -35,7 +35,7 @@ EXACT = 0.95
 #: 2 degrees put into archives without an effect came out at 0.9997, 0.997 and 0.989 of the truth;
 #: fleet-wide ones of simulated archives at 0.94 and 0.96.
 FIRST_ORDER = 0.02
-#: Prior standard deviation of the reference's climatology, m/s: what weather models err by in the
+#: Prior standard deviation of the reference's climatology, m/s: the error of weather models in the
 #: mean of a month at one place and level (bias of upper-air winds in radiosonde verification).
 CLIMATOLOGY = 0.6
 
@@ -251,7 +251,7 @@ class Model:
         self._residual = self.sums.whitened(residual[:, :, None])[:, 0]
         self.condition(self.terms)
 
-    def _take(self, residual: Singles) -> None:
+    def _set_residual(self, residual: Singles) -> None:
         if residual is not self.sums.residual:
             self.sums.residual = residual
             self.sums.inverse_residual = self.sums.invert(residual)
@@ -310,11 +310,11 @@ class Model:
 
         The square of a coefficient, where a term has it, is subtracted from the residual.
         """
-        self._take(self._residual)
+        self._set_residual(self._residual)
         self._fit(terms)
         for k, term in enumerate(terms):
             if term.group.name in self.sums.candidates.curved:
-                self._take(self.sums.residual - self._square(k))
+                self._set_residual(self.sums.residual - self._square(k))
                 self._fit(terms)
 
     def _square(self, k: int) -> Singles:
@@ -463,7 +463,7 @@ def _with_factors(
 
 #: Largest prior scale, m/s: a compass error of 5 degrees and an airspeed of 130 m/s give 8 m/s rms.
 WIDE = 8.1
-#: Days in a cluster; the larger scatter counts: what lasts for days is seen in blocks of four.
+#: Days in a cluster; the larger scatter counts: errors that last for days show in blocks of four.
 BLOCKS = (1, 4)
 
 
@@ -472,7 +472,7 @@ def cluster_factor(
 ) -> Floats:
     """Scatter of scores of blocks of days relative to that of independent errors, by aircraft.
 
-    ``score`` (A, D, m) is less what the fit of the aircraft explains, ``by_day`` the information by
+    ``score`` (A, D, m) is the residual of the fit of the aircraft, ``by_day`` the information by
     day, ``inverse`` (A, m, m) the inverse of the information given the terms. With the fit taking a
     part of every block's score the factor is sum_d s_d' G^-1 s_d / (m - tr sum_d (G^-1 G_d)^2).
     """

@@ -1,1 +1,1 @@
-"""What is said: parameters, sets, gap.json."""
+"""Statement of a diagnosis: parameters, credible sets, gap.json."""

@@ -78,7 +78,7 @@ def assemble(
             name = entry.name
         closes = entry.closure or ClosesEntry(0.0, [0.0, 0.0])
         steps.append(EffectClosureEntry(name, closes.reduction, closes.reduction_ci))
-    value, low, high = _sum(steps, closure)
+    value, low, high = _total(steps, closure)
     before, hidden = closure.before, could_hide(closure.before, frame.size)
     total = closure.total.reduction if closure.total.reduction > 1e-6 else np.inf
     unnamed = [step for step in steps if step.name.startswith("unknown: ")]
@@ -136,7 +136,7 @@ def assemble(
     )
 
 
-def _sum(steps: Sequence[EffectClosureEntry], closure: Closure) -> tuple[float, float, float]:
+def _total(steps: Sequence[EffectClosureEntry], closure: Closure) -> tuple[float, float, float]:
     """All steps and their interval: that of the means, the others independent of it."""
     value = closure.total.reduction
     low, high = closure.total.reduction_ci

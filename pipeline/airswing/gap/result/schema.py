@@ -80,9 +80,9 @@ class ClosesEntry:
 
 @dataclass(frozen=True)
 class RivalEntry:
-    """An effect that cannot be distinguished from one found, and what data would distinguish them.
+    """An effect that cannot be distinguished from a stated one, and data that would separate them.
 
-    ``difference_nats`` is the log Bayes factor against it; None where the columns are alike.
+    ``difference_nats`` is the log Bayes factor against it; None where the columns are equal.
     """
 
     name: str
@@ -102,8 +102,8 @@ class TailEntry:
 class EffectEntry:
     """A diagnosed effect of the catalogue.
 
-    ``parameters`` are medians over aircraft where ``per_tail`` has several. ``closure`` is what the
-    effect closes in addition to those before it. ``by_reference`` holds the parameters of an effect
+    ``parameters`` are medians over aircraft where ``per_tail`` has several. ``closure`` is in
+    addition to that of the effects before it. ``by_reference`` holds the parameters of an effect
     of the reference against the pool and against each of its members that has it; where one alone
     has it, ``reference`` names it and ``parameters`` are those against it.
     """
@@ -156,7 +156,7 @@ class PlaceEntry:
     nearest_effect_share: float | None = None
     settled_by: str | None = None
     steps: StepsEntry | None = field(default=None, metadata=LEFT_OUT)
-    title: str | None = field(default=None, metadata=LEFT_OUT)  # what is sent wrongly, in words
+    title: str | None = field(default=None, metadata=LEFT_OUT)  # shape of the error, in words
     period: Period | None = field(default=None, metadata=LEFT_OUT)
 
 
@@ -192,7 +192,7 @@ class EffectClosureEntry:
 class ClosureEntry:
     """Disagreement on held-out reports without and with the effects, kt; intervals of 95 %.
 
-    ``could_hide_kt``: what an error outside the catalogue could close without being stated.
+    ``could_hide_kt``: largest closure by an error outside the catalogue that is not stated.
     """
 
     before: float
@@ -208,7 +208,7 @@ class ClosureEntry:
 
 @dataclass(frozen=True)
 class StepEntry:
-    """Disagreement after a step of the waterfall, kt, and the interval of what the step closes."""
+    """Disagreement after a step of the waterfall, kt, and the interval of its closure."""
 
     label: str
     kt: float

@@ -262,21 +262,21 @@ def draw_outside(rng: np.random.Generator, world: World, *, shape: str, size: fl
         tails = world.tails
         number = 1 if scope == "one" else int(rng.integers(2, max(3, len(tails) // 2) + 1))
         affected = sorted(str(tail) for tail in rng.choice(tails, number, replace=False))
-    parameters = _scatter(rng, size) if shape == "scatter" else _moving(rng, shape, size)
+    parameters = _draw_scatter(rng, size) if shape == "scatter" else _draw_mean(rng, shape, size)
     period = None
     if world.days > 14 and rng.uniform() < _LAST_WEEK:
         period = [(START + timedelta(days=world.days - 7)).isoformat(), None]
     return {"name": "outside", "tails": affected, "parameters": parameters, "period": period}
 
 
-def _moving(rng: np.random.Generator, shape: str, size: float) -> dict[str, object]:
+def _draw_mean(rng: np.random.Generator, shape: str, size: float) -> dict[str, object]:
     component = str(rng.choice(COMPONENTS))
-    first = _variable(rng, component, shape)
+    first = _draw_variable(rng, component, shape)
     if shape == "product":
-        second = _variable(rng, component, shape, excluded=first)
+        second = _draw_variable(rng, component, shape, excluded=first)
         parts = [_draw_part(rng, first, "linear"), _draw_part(rng, second, "linear")]
     elif shape == "threshold":
-        second = _variable(rng, component, shape, excluded=first, flags=True)
+        second = _draw_variable(rng, component, shape, excluded=first, flags=True)
         acting = str(rng.choice(["hinge", "bump", "saw"]))
         opened = str(rng.choice(["step", "sector"]))
         parts = [_draw_part(rng, first, acting), _draw_part(rng, second, opened)]
@@ -291,7 +291,7 @@ def _moving(rng: np.random.Generator, shape: str, size: float) -> dict[str, obje
     }
 
 
-def _variable(
+def _draw_variable(
     rng: np.random.Generator,
     component: str,
     shape: str,
@@ -324,7 +324,7 @@ def _draw_part(rng: np.random.Generator, variable: str, shape: str) -> dict[str,
     }
 
 
-def _scatter(rng: np.random.Generator, size: float) -> dict[str, object]:
+def _draw_scatter(rng: np.random.Generator, size: float) -> dict[str, object]:
     kind = str(rng.choice(SCATTER))
     values: dict[str, object] = {"kind": kind, "shape": "scatter", "component": "scatter"}
     values["parts"] = []
@@ -339,7 +339,7 @@ def _scatter(rng: np.random.Generator, size: float) -> dict[str, object]:
         values["limit_kt"] = float(rng.integers(15, 31))
         values["direction_step_deg"] = float(rng.choice([30.0, 45.0, 90.0]))
     else:
-        variable = _variable(rng, "scatter", "step")
+        variable = _draw_variable(rng, "scatter", "step")
         values["parts"] = [_draw_part(rng, variable, str(rng.choice(["step", "sector"])))]
         values |= {"size_m_s": 2.0 * size} if kind == "jitter" else {"fraction": 0.02 * (1 + size)}
     return values

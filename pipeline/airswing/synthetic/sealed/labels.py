@@ -28,7 +28,7 @@ Label = dict[str, Any]
 the case is about; ``names`` of all active effects; ``effects`` (`Injected`); ``without``, those
 withheld from the diagnosis; ``background`` and ``background_components``, errors of the world
 itself; ``closure``, the mean vector disagreement ``before`` and ``after`` (without the effects),
-kt; ``outside``, None or what `airswing.synthetic.outside_effects.outside_truth` measured.
+kt; ``outside``, None or the result of `airswing.synthetic.outside_effects.outside_truth`.
 """
 
 
