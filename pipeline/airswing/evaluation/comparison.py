@@ -31,7 +31,7 @@ from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation import Content
 from airswing.evaluation.gains import only
-from airswing.evaluation.innovations import Floats, Ints, Part, member_mean, paired_design, parts_of
+from airswing.evaluation.innovations import Chunk, Floats, Ints, chunks, member_mean, paired_design
 from airswing.evaluation.resampling import normal_interval
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.compass_deviation import COEFFICIENTS
@@ -104,8 +104,8 @@ def compare(
     Examples
     --------
     >>> pools = {"ruc": ["ruc"], "rtfdaa": ["rtfdaa"]}
-    >>> found = airswing.compare(headings, pools=pools)
-    >>> found["pairs"][0]["references"]
+    >>> sensitivity = airswing.compare(headings, pools=pools)
+    >>> sensitivity["pairs"][0]["references"]
     ['ruc', 'rtfdaa']
     """
     singles = [name for name, members in pools.items() if len(members) == 1]
@@ -121,23 +121,23 @@ def compare(
     region = regions_of(headings["latitude"].to_numpy(), headings["longitude"].to_numpy())
     first, last = (int(day.astype("M8[D]").astype(np.int64)) for day in time_span(headings))
     days = last - first + 1
-    members = [(name, one) for name, inside in pools.items() if len(inside) > 1 for one in inside]
+    members = [(name, member) for name, pool in pools.items() if len(pool) > 1 for member in pool]
     tested = list(combinations(singles, 2))
-    whole = {pair: PairSums(*pair, days) for pair in [*tested, *members]}
+    pair_sums = {pair: PairSums(*pair, days) for pair in [*tested, *members]}
     slices: dict[str, dict[tuple[tuple[str, str], str], PairSums]] = {kind: {} for kind in KINDS}
     begin = 0
-    for part in parts_of(shared, pools, _COLUMNS):
-        columns = _columns(part, pools)
-        columns |= {"day": part.day - first, "region": region[begin : begin + part.day.size]}
-        begin += part.day.size
-        edges = np.flatnonzero(np.diff(part.aircraft, prepend=-1, append=-1))
+    for chunk in chunks(shared, pools, _COLUMNS):
+        columns = _columns(chunk, pools)
+        columns |= {"day": chunk.day - first, "region": region[begin : begin + chunk.day.size]}
+        begin += chunk.day.size
+        edges = np.flatnonzero(np.diff(chunk.aircraft, prepend=-1, append=-1))
         for low, high in pairwise(edges.tolist()):
             rows = {name: values[..., low:high] for name, values in columns.items()}
-            for sums in whole.values():
-                sums.add(rows, rows["kept"], aircraft=int(part.aircraft[low]))
-            for pair, (kind, name, chosen) in ((p, s) for p in tested for s in _slices(rows, *p)):
-                slices[kind].setdefault((pair, name), PairSums(*pair, days)).add(rows, chosen)
-    reports_used = next(iter(whole.values())).reports
+            for sums in pair_sums.values():
+                sums.add(rows, rows["used"], aircraft=int(chunk.aircraft[low]))
+            for pair, (kind, name, selected) in ((p, s) for p in tested for s in _slices(rows, *p)):
+                slices[kind].setdefault((pair, name), PairSums(*pair, days)).add(rows, selected)
+    reports_used = next(iter(pair_sums.values())).reports
     if not reports_used:
         raise InputError(
             "no screened report has a wind of every reference",
@@ -146,21 +146,21 @@ def compare(
             remedy="Check that the references cover the same times and places",
         )
     barred = {name.lower() for name in never_pool or []}
-    squares = {pair: whole[pair].squares for pair in tested}
-    counted = whole[tested[0]].regions[0].sum(axis=0)
+    squares = {pair: pair_sums[pair].squares for pair in tested}
+    counted = pair_sums[tested[0]].regions[0].sum(axis=0)
     by_pair = []
-    for pair, sums in whole.items():
-        both = fits.sel(reference=list(pair))
-        entries = [_aircraft_entry(*one, both) for one in sums.aircraft]
+    for pair, sums in pair_sums.items():
+        pair_fits = fits.sel(reference=list(pair))
+        entries = [_aircraft_entry(*numbers, pair_fits) for numbers in sums.aircraft]
         judged = _judged(sums, barred)
         by_pair.append({**judged, "aircraft": entries, "own_test": pair in tested})
     by_slice = {
         kind: [
             {"slice": name, **_judged(sums, barred), "own_test": True}
-            for (_, name), sums in found.items()
+            for (_, name), sums in by_name.items()
             if sums.reports >= FEWEST_OF_SLICE
         ]
-        for kind, found in slices.items()
+        for kind, by_name in slices.items()
     }
     return Findings(
         {
@@ -175,50 +175,50 @@ def compare(
 
 def regions_of(latitude: Floats, longitude: Floats) -> Ints:
     """Region of every report: thirds by latitude and, in each, by longitude; 0 to 8."""
-    known = np.isfinite(latitude + longitude)
+    is_finite = np.isfinite(latitude + longitude)
     column = np.zeros(latitude.size, dtype=np.int64)
-    if not known.any():
+    if not is_finite.any():
         return column
     thirds = (1.0 / 3.0, 2.0 / 3.0)
-    band = np.searchsorted(np.quantile(latitude[known], thirds), latitude)
+    band = np.searchsorted(np.quantile(latitude[is_finite], thirds), latitude)
     for row in range(3):
-        here = band == row
-        if (here & known).any():
-            west = np.quantile(longitude[here & known], thirds)
-            column[here] = np.searchsorted(west, longitude[here])
+        in_band = band == row
+        if (in_band & is_finite).any():
+            west = np.quantile(longitude[in_band & is_finite], thirds)
+            column[in_band] = np.searchsorted(west, longitude[in_band])
     return np.asarray(3 * band + column, dtype=np.int64)
 
 
-def _columns(part: Part, pools: Mapping[str, list[str]]) -> Columns:
-    """Plain columns of reports, radians and SI units.
+def _columns(chunk: Chunk, pools: Mapping[str, list[str]]) -> Columns:
+    """Columns of reports as arrays, radians and SI units.
 
     ``wind`` (2, report) and ``lead`` are followed by the name of a reference or pool.
     """
-    block, screening = part.block, part.block["screening"].to_numpy()
-    heading, magnetic = (np.radians(part.column(f"{kind}heading")) for kind in ("", "magnetic_"))
-    airspeed = part.column("airspeed")
-    known = np.isfinite(heading + magnetic + airspeed)
+    block, screening = chunk.block, chunk.block["screening"].to_numpy()
+    heading, magnetic = (np.radians(chunk.column(f"{kind}heading")) for kind in ("", "magnetic_"))
+    airspeed = chunk.column("airspeed")
+    is_finite = np.isfinite(heading + magnetic + airspeed)
     # months count from January 1970: December, January and February are season 0
     month = block["time"].to_numpy().astype("datetime64[M]").astype(np.int64)
-    found: Columns = {
+    columns: Columns = {
         "heading": heading,
         "magnetic_heading": magnetic,
         "airspeed": airspeed,
         "season": (month + 1) % 12 // 3,
         "phase": block["phase"].to_numpy(),
         "pressure": block["pressure"].to_numpy(),
-        "kept": (screening == 0) & known,
-        "kept_any_phase": ((screening & ~SCREENING["phase"]) == 0) & known,
+        "used": (screening == 0) & is_finite,
+        "used_any_phase": ((screening & ~SCREENING["phase"]) == 0) & is_finite,
     }
     for name, members in pools.items():
-        found[f"wind {name}"] = part.model[name]
-        found[f"lead {name}"] = member_mean(block["lead_time"].sel(reference=members)).to_numpy()
-    return found
+        columns[f"wind {name}"] = chunk.model[name]
+        columns[f"lead {name}"] = member_mean(block["lead_time"].sel(reference=members)).to_numpy()
+    return columns
 
 
-def _slices(rows: Columns, one: str, two: str) -> list[tuple[str, str, Mask]]:
+def _slices(rows: Columns, first: str, second: str) -> list[tuple[str, str, Mask]]:
     """Slices of one aircraft's reports: kind, name and the reports in it."""
-    lead, pressure = np.fmax(rows[f"lead {one}"], rows[f"lead {two}"]), rows["pressure"]
+    lead, pressure = np.fmax(rows[f"lead {first}"], rows[f"lead {second}"]), rows["pressure"]
     slices = [
         ("by_lead_time", "analysis to 1 h", lead <= 1.0),
         ("by_lead_time", "1 to 6 h", (lead > 1.0) & (lead <= 6.0)),
@@ -229,16 +229,16 @@ def _slices(rows: Columns, one: str, two: str) -> list[tuple[str, str, Mask]]:
         ("by_level", "above 500 hPa", pressure <= 50000.0),
         *(("by_season", name, rows["season"] == k) for k, name in enumerate(_SEASONS)),
     ]
-    kept = {"by_phase": rows["kept_any_phase"]}
-    return [(kind, name, some & kept.get(kind, rows["kept"])) for kind, name, some in slices]
+    masks = {"by_phase": rows["used_any_phase"]}
+    return [(kind, name, some & masks.get(kind, rows["used"])) for kind, name, some in slices]
 
 
 @dataclass
 class PairSums:
     """Sums of the difference of two references over some reports."""
 
-    one: str
-    two: str
+    first: str
+    second: str
     days: int  # of the archive
     reports: int = 0
     distance: float = 0.0  # summed wind vector difference, m/s
@@ -253,29 +253,29 @@ class PairSums:
         self.common = np.zeros((self.days, 5, 6))
         self.squares = np.zeros(self.days)  # halved squares of the difference, m2/s2
 
-    def add(self, rows: Columns, chosen: Mask, aircraft: int | None = None) -> None:
+    def add(self, rows: Columns, selected: Mask, aircraft: int | None = None) -> None:
         """Add the chosen reports of one aircraft; ``aircraft`` also requests its difference."""
-        if not chosen.any():
+        if not selected.any():
             return
-        du, dv = (rows[f"wind {self.one}"] - rows[f"wind {self.two}"])[:, chosen]
-        day = rows["day"][chosen]
+        du, dv = (rows[f"wind {self.first}"] - rows[f"wind {self.second}"])[:, selected]
+        day = rows["day"][selected]
         self.reports += du.size
         self.distance += float(np.hypot(du, dv).sum())
         self.squares += np.bincount(day, (du**2 + dv**2) / 2.0, self.days)
-        cell = rows["region"][chosen] * self.days + day
-        sums = [np.bincount(cell, part, REGIONS * self.days) for part in (None, du, dv)]
+        cell = rows["region"][selected] * self.days + day
+        sums = [np.bincount(cell, weights, REGIONS * self.days) for weights in (None, du, dv)]
         self.regions += np.reshape(sums, self.regions.shape)
         if du.size < FEWEST_REPORTS:
             return
-        heading, magnetic = rows["heading"][chosen], rows["magnetic_heading"][chosen]
-        cross, along = paired_design(magnetic, heading, rows["airspeed"][chosen])
+        heading, magnetic = rows["heading"][selected], rows["magnetic_heading"][selected]
+        cross, along = paired_design(magnetic, heading, rows["airspeed"][selected])
         # psi_err is n . (W_ref - W_rep) / V, and |V_A| - |V'_A| is h . (W_ref - W_rep)
         y_cross = du * np.cos(heading) - dv * np.sin(heading)
         y_along = du * np.sin(heading) + dv * np.cos(heading)
         # normal matrix and, last, the right side of each day: (day, p, p + 1)
         order = np.argsort(day, kind="stable")
         days, start = np.unique(day[order], return_index=True)
-        sides = [np.column_stack(part)[order] for part in ((cross, y_cross), (along, y_along))]
+        sides = [np.column_stack(pair)[order] for pair in ((cross, y_cross), (along, y_along))]
         edges = pairwise([*start.tolist(), order.size])
         equations = np.array([sum(p[i:j, :-1].T @ p[i:j] for p in sides) for i, j in edges])
         self.common[days] += common_equations(equations)
@@ -335,14 +335,14 @@ def persistent_covariance(influence: Floats, day: Ints) -> Floats:
     """
     filled = np.zeros((int(day[-1] - day[0]) + 1, influence.shape[1]))
     filled[day - day[0]] = influence
-    plain = filled.T @ filled
-    total = plain.copy()
+    square = filled.T @ filled
+    total = square.copy()
     for shift in range(1, min(_LAG, filled.shape[0] - 1) + 1):
         product = filled[shift:].T @ filled[:-shift]
         total += (1.0 - shift / (_LAG + 1.0)) * (product + product.T)
     # correlations of few days come out negative by chance
-    wider = np.sqrt(np.maximum(np.diag(total) / np.maximum(np.diag(plain), 1e-300), 1.0))
-    return np.asarray(plain * np.outer(wider, wider))
+    wider = np.sqrt(np.maximum(np.diag(total) / np.maximum(np.diag(square), 1e-300), 1.0))
+    return np.asarray(square * np.outer(wider, wider))
 
 
 def regional_bias(sums: Floats) -> list[Content]:
@@ -363,35 +363,35 @@ def regional_bias(sums: Floats) -> list[Content]:
         # wide, and beyond twelve it is hardly narrower
         length = int(np.ptp(seen)) + 1
         block[seen] = (seen - seen[0]) * int(np.clip(length // 5, 6, 12)) // length
-    found: list[Content] = []
+    entries: list[Content] = []
     for region in np.flatnonzero(np.count_nonzero(number, axis=1) >= _MIN_REGION_DAYS):
-        here = number[region]
-        others = number.sum(axis=0) - here
-        both = (here > 0) & (others > 0)
+        count = number[region]
+        elsewhere = number.sum(axis=0) - count
+        shared = (count > 0) & (elsewhere > 0)
         for component, values in zip(COMPONENTS, sums[1:], strict=True):
             entry: Content = {
                 "region": int(region),
                 "component": component,
-                "days": int(np.count_nonzero(here)),
-                **_block_mean("difference", values[region], here, block),
+                "days": int(np.count_nonzero(count)),
+                **_block_mean("difference", values[region], count, block),
                 "contrast": None,
                 "contrast_p_value": None,
             }
-            if np.unique(block[both]).size >= 4:
+            if np.unique(block[shared]).size >= 4:
                 rest = values.sum(axis=0) - values[region]
-                less = values[region][both] - here[both] * rest[both] / others[both]
-                entry |= _block_mean("contrast", less, here[both], block[both])
-            found.append(entry)
+                less = values[region][shared] - count[shared] * rest[shared] / elsewhere[shared]
+                entry |= _block_mean("contrast", less, count[shared], block[shared])
+            entries.append(entry)
     tests = ("difference", "contrast")
-    p_values = np.array([[one[f"{name}_p_value"] for name in tests] for one in found], float)
+    p_values = np.array([[entry[f"{name}_p_value"] for name in tests] for entry in entries], float)
     p_values = p_values.reshape(-1)  # None is NaN, and stays so
     adjusted, order = np.full(p_values.size, np.nan), np.argsort(p_values)
     order = order[np.isfinite(p_values[order])]
     steps = p_values[order] * np.arange(order.size, 0, -1)
     adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
-    for entry, pair in zip(found, adjusted.reshape(-1, 2).tolist(), strict=True):
-        entry |= {f"{name}_adjusted_p_value": one for name, one in zip(tests, pair, strict=True)}
-    return found
+    for entry, pair in zip(entries, adjusted.reshape(-1, 2).tolist(), strict=True):
+        entry |= {f"{name}_adjusted_p_value": p for name, p in zip(tests, pair, strict=True)}
+    return entries
 
 
 def _block_mean(name: str, total: Floats, number: Floats, block: Ints) -> dict[str, float]:
@@ -426,12 +426,12 @@ def _judged(sums: PairSums, barred: set[str]) -> Content:
         }
     regions = regional_bias(sums.regions)
     return {
-        "references": [sums.one, sums.two],
+        "references": [sums.first, sums.second],
         "reports": sums.reports,
         "mean_vector_difference_m_s": sums.distance / sums.reports if sums.reports else np.nan,
         "fleet": fleet,
         "regions": regions,
-        **_verdict(fleet, regions, {sums.one.lower(), sums.two.lower()} & barred),
+        **_verdict(fleet, regions, {sums.first.lower(), sums.second.lower()} & barred),
     }
 
 
@@ -454,7 +454,7 @@ def _verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Conten
         and abs(entry[name]) > REGION_BIAS
     ]
     if biased:
-        _, name, entry = max(biased, key=lambda one: one[0])
+        _, name, entry = max(biased, key=lambda item: item[0])
         relative = " more than elsewhere" if name == "contrast" else ""
         why.append(
             f"the {entry['component']} wind differs by {entry[name]:.2f} +- "
@@ -520,7 +520,7 @@ def hats_of(
         return []
     seen = count > 0
     count = count[seen]
-    found = []
+    hats = []
     corner = 0.5 * np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
     for triple in combinations(names, 3):
         total = np.array([squares[pair][seen] for pair in combinations(triple, 2)])
@@ -538,5 +538,5 @@ def hats_of(
             for name, variance, error in zip(triple, variances, errors, strict=True)
         ]
         content: Content = {"references": list(triple), "reports": int(count.sum())}
-        found.append(content | {"errors": entries})
-    return found
+        hats.append(content | {"errors": entries})
+    return hats

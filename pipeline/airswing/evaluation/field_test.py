@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.evaluation import Content
-from airswing.evaluation.innovations import parts_of
+from airswing.evaluation.innovations import chunks
 from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test, ratio
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.ragged import blocks, time_span
@@ -84,8 +84,8 @@ class DaySums:
         """Bootstrap the means over days within each window: (draw, group, window)."""
         weights = np.ones((draws, self.during.size))
         for k, days in enumerate((~self.during, self.during)):
-            some: Any = {"draws": draws, "seed": seed + 7919 * k, "length": 1}
-            weights[:, days] = day_weights(int(days.sum()), **some)  # days are independent units
+            options: Any = {"draws": draws, "seed": seed + 7919 * k, "length": 1}
+            weights[:, days] = day_weights(int(days.sum()), **options)  # days are independent units
         return self.means(weights)
 
 
@@ -144,7 +144,7 @@ def field_test(
     Examples
     --------
     >>> from datetime import date
-    >>> found = airswing.field_test(
+    >>> test = airswing.field_test(
     ...     headings,
     ...     pools={"ruc": ["ruc"]},
     ...     reference="ruc",
@@ -156,17 +156,17 @@ def field_test(
     ...     temperature_qc="ignore",
     ...     draws=200,
     ... )
-    >>> sorted(found["groups"])
+    >>> sorted(test["groups"])
     ['controls', 'corrected']
     """
     names = headings["aircraft"].to_numpy().astype(str)
     require_aircraft(names, [*corrected, *controls], "field_test")
-    both = sorted(set(corrected) & set(controls))
-    if both or not corrected or not controls:
+    shared = sorted(set(corrected) & set(controls))
+    if shared or not corrected or not controls:
         raise InputError(
-            "aircraft in both groups" if both else "a group names no aircraft",
+            "aircraft in both groups" if shared else "a group names no aircraft",
             field="field_test",
-            found=", ".join(both) or ("corrected" if not corrected else "controls"),
+            found=", ".join(shared) or ("corrected" if not corrected else "controls"),
             remedy="Every aircraft is either corrected or a control",
         )
     required, notes = _required_flags(headings, roll=roll, temperature_qc=temperature_qc)
@@ -176,16 +176,16 @@ def field_test(
     days = np.arange(max(int(low), begin), min(int(high), stop) + 1)
     member = np.where(np.isin(names, corrected), 1, np.where(np.isin(names, controls), 0, -1))
     sums = {key: np.zeros((2, names.size, days.size)) for key in pools}
-    for part in parts_of(headings, pools, ["screening", *dict(required)]):
-        chosen = (member[part.aircraft] >= 0) & (part.day >= begin) & (part.day < stop)
-        screening = part.block["screening"].to_numpy()
-        chosen &= (screening & sum(SCREENING[name] for name in _NEVER)) == 0
+    for chunk in chunks(headings, pools, ["screening", *dict(required)]):
+        used = (member[chunk.aircraft] >= 0) & (chunk.day >= begin) & (chunk.day < stop)
+        screening = chunk.block["screening"].to_numpy()
+        used &= (screening & sum(SCREENING[name] for name in _NEVER)) == 0
         for name, (code, wanted) in required:
-            chosen &= (part.block[name].to_numpy() == code) == wanted
-        aircraft, day, wind = part.aircraft[chosen], part.day[chosen], part.wind[:, chosen]
+            used &= (chunk.block[name].to_numpy() == code) == wanted
+        aircraft, day, wind = chunk.aircraft[used], chunk.day[used], chunk.wind[:, used]
         place = aircraft * days.size + day - max(int(low), begin)
-        for key, model in part.model.items():
-            difference = np.hypot(*(wind - model[:, chosen])) / KNOT
+        for key, model in chunk.model.items():
+            difference = np.hypot(*(wind - model[:, used])) / KNOT
             good = np.isfinite(difference)
             for table, values in zip(sums[key], (good * 1.0, difference), strict=True):
                 table.ravel()[:] += np.bincount(place[good], values[good], table.size)
@@ -229,8 +229,8 @@ def _reductions(sums: DaySums, *, draws: int, seed: int) -> Content:
         for j, window in enumerate(WINDOWS):
             entry[f"{window}_kt"] = float(means[i, j])
             entry[f"{window}_ci_kt"] = interval(drawn[:, i, j]).tolist()
-            here = sums.during == bool(j)
-            entry[f"reports_{window}"] = int(sums.count[members][:, here].sum())
+            in_window = sums.during == bool(j)
+            entry[f"reports_{window}"] = int(sums.count[members][:, in_window].sum())
         entry["reduction_kt"] = float(means[i, 0] - means[i, 1])
         entry["reduction_ci_kt"] = interval(drawn[:, i, 0] - drawn[:, i, 1]).tolist()
         groups[GROUPS[i]] = entry
@@ -256,10 +256,10 @@ def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) ->
     change = first - second
     if group.any() and not group.all():
         # pair each corrected aircraft with the control of the nearest disagreement before the test
-        apart = np.abs(first[group][:, np.newaxis] - first[~group])
-        less = change[group] - change[~group][apart.argmin(axis=1)]
+        distance = np.abs(first[group][:, np.newaxis] - first[~group])
+        less = change[group] - change[~group][distance.argmin(axis=1)]
         matched["adjusted_reduction_kt"] = float(less.mean())
-        matched["mean_distance_kt"] = float(apart.min(axis=1).mean())
+        matched["mean_distance_kt"] = float(distance.min(axis=1).mean())
     rows = zip(names, np.array(GROUPS)[sums.corrected.astype(int)], before, during, strict=True)
     columns = ("aircraft", "group", "before_kt", "during_kt")
     return {
@@ -272,7 +272,7 @@ def _checks(sums: DaySums, names: NDArray[np.str_], *, draws: int, seed: int) ->
         "regression_to_the_mean": regression_to_the_mean(sums),
         "matched_controls": matched,
         "by_aircraft": [
-            dict(zip(columns, (one.item() for one in row), strict=True)) for row in rows
+            dict(zip(columns, (value.item() for value in row), strict=True)) for row in rows
         ],
     }
 
@@ -300,10 +300,10 @@ def regression_to_the_mean(sums: DaySums) -> Content:
     }
 
 
-def require_aircraft(names: NDArray[np.str_], chosen: list[str], field: str) -> None:
+def require_aircraft(names: NDArray[np.str_], group: list[str], field: str) -> None:
     """Raise InputError for a group without aircraft, or with one that the archive does not hold."""
-    unknown = [name for name in chosen if name not in set(names)]
-    if unknown or not chosen:
+    unknown = [name for name in group if name not in set(names)]
+    if unknown or not group:
         raise InputError(
             "a group names an aircraft the archive does not hold",
             field=field,
@@ -322,8 +322,8 @@ def _required_flags(
         ("temperature_qc", temperature_qc, TEMPERATURE_QC, "pass", "fail"),
     ):
         if policy.startswith("require"):
-            parts = (part[name].to_numpy() for part in blocks(headings, [name]))
-            if any((flags != codes["missing"]).any() for flags in parts):
+            columns = (block[name].to_numpy() for block in blocks(headings, [name]))
+            if any((flags != codes["missing"]).any() for flags in columns):
                 rules.append((name, (codes[good], True)))
             else:
                 notes.append(f"no report carries {name}: it could not be required")

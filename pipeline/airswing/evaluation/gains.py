@@ -36,7 +36,7 @@ from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation import Content
 from airswing.evaluation.field_test import require_aircraft
-from airswing.evaluation.innovations import Ints, parts_of, require_reference
+from airswing.evaluation.innovations import Ints, chunks, require_reference
 from airswing.evaluation.resampling import (
     Floats,
     cluster_sums,
@@ -155,12 +155,12 @@ def rank_aircraft(
     ranked: list[Content] = []
     drawn: list[Floats] = []
     names = ["heading", argument, "airspeed", "screening"]
-    for part in parts_of(headings, {reference: pools[reference]}, names):
-        wind, model = part.wind, part.model[reference]
-        heading, angle = (np.radians(part.column(name)) for name in names[:2])
-        airspeed, used = part.column("airspeed"), part.column("screening") == 0
+    for chunk in chunks(headings, {reference: pools[reference]}, names):
+        wind, model = chunk.wind, chunk.model[reference]
+        heading, angle = (np.radians(chunk.column(name)) for name in names[:2])
+        airspeed, used = chunk.column("airspeed"), chunk.column("screening") == 0
         good = used & np.isfinite(wind.sum(axis=0) + model.sum(axis=0) + heading + angle + airspeed)
-        for start, stop in zip(*row_bounds(part.block["row_size"].to_numpy()), strict=True):
+        for start, stop in zip(*row_bounds(chunk.block["row_size"].to_numpy()), strict=True):
             rows = np.flatnonzero(good[start:stop]) + start
             number = len(entries)
             status = int(fit["status"][number])
@@ -181,7 +181,7 @@ def rank_aircraft(
                 heading[rows],
                 angle[rows],
                 airspeed[rows],
-                part.day[rows],
+                chunk.day[rows],
                 fit["deviation"].to_numpy()[number],
                 fit["deviation_covariance"].to_numpy()[number],
                 seed=seed + number,
@@ -207,11 +207,11 @@ def rank_aircraft(
     return [*ranked, *(entry for entry in entries if entry["rank"] is None)]
 
 
-def only(headings: xr.Dataset, chosen: xr.DataArray | NDArray[np.bool_]) -> xr.Dataset:
+def only(headings: xr.Dataset, selected: xr.DataArray | NDArray[np.bool_]) -> xr.Dataset:
     """Headings with all other reports marked ``no_reference``, so that no fit uses them; lazy."""
     screening = headings["screening"]
     mark = screening.dtype.type(SCREENING["no_reference"])
-    return headings.assign(screening=screening | mark * ~chosen)
+    return headings.assign(screening=screening | mark * ~selected)
 
 
 def _learned(
@@ -227,10 +227,10 @@ def _learned(
     """Fits and tables against one reference or pool, and ranking, from the reports before a day."""
     before = only(headings, headings["time"] < np.datetime64(until))
     members = list(pools[reference])
-    part = before.sel(reference=members)
-    fits = fit_deviation(part, pools={reference: members}, alone=False, **options)
+    subset = before.sel(reference=members)
+    fits = fit_deviation(subset, pools={reference: members}, alone=False, **options)
     # computed here, because every later use of a lazy fit would repeat it
-    fits = add_tables(fits, part, resolution=resolution).compute()
+    fits = add_tables(fits, subset, resolution=resolution).compute()
     return fits, rank_aircraft(before, fits, pools=pools, reference=reference, seed=seed)
 
 
@@ -311,8 +311,8 @@ def virtual_field_test(
     until = np.datetime64(learned_until, "D").astype(np.int64)
     late = origin + np.arange(number.shape[1]) >= until
     reports, reported, corrected_sum = (
-        np.array([part[treated][:, period].sum() for period in (~late, late)])
-        for part in (number, before, after)
+        np.array([by_day[treated][:, period].sum() for period in (~late, late)])
+        for by_day in (number, before, after)
     )
     groups = {}
     # reports on one side of the date only give no difference
@@ -328,7 +328,7 @@ def virtual_field_test(
             "reports_before": int(reports[0]),
             "reports_during": int(reports[1]),
         }
-    chosen = (treated & correctable)[:, np.newaxis] & late
+    counted = (treated & correctable)[:, np.newaxis] & late
     return {
         "reference": reference,
         "learned_until": str(learned_until),
@@ -336,8 +336,8 @@ def virtual_field_test(
         "groups": groups,
         **_compared(
             names,
-            np.where(chosen, number, 0.0),
-            np.where(chosen, before - after, 0.0),
+            np.where(counted, number, 0.0),
+            np.where(counted, before - after, 0.0),
             ranking,
             draws=draws,
             seed=seed,
@@ -365,11 +365,11 @@ def predicted_reduction(
     require_reference(pools, reference)
     against: Any = {"pools": pools, "reference": reference, "resolution": 0.1, "seed": seed}
     ranking = _learned(headings, start, **against, **options)[1]
-    ranked = [one for one in ranking if one["rank"] is not None and one["aircraft"] in corrected]
+    ranked = [row for row in ranking if row["rank"] is not None and row["aircraft"] in corrected]
     mean = ends = None
     if ranked:
         gains, errors = (
-            np.array([one[f"expected_gain_{name}kt"] for one in ranked])
+            np.array([row[f"expected_gain_{name}kt"] for row in ranked])
             for name in ("", "standard_error_")
         )
         # the errors of the fits of different aircraft are independent
@@ -420,8 +420,8 @@ def cross_validate(
     Examples
     --------
     >>> pools = {"ruc": ["ruc"]}
-    >>> found = airswing.cross_validate(headings, fits, pools=pools, reference="ruc", draws=200)
-    >>> found["realised_gain_kt"] > 0.0
+    >>> gains = airswing.cross_validate(headings, fits, pools=pools, reference="ruc", draws=200)
+    >>> gains["realised_gain_kt"] > 0.0
     True
     """
     require_reference(pools, reference)
@@ -429,11 +429,11 @@ def cross_validate(
         ranking = rank_aircraft(headings, fits, pools=pools, reference=reference, seed=seed)
     fit = fits.sel(reference=reference)
     # fits without each part of the days are stored in place of references
-    parts = fit[["held_out_deviation", "status"]].drop_vars("reference")
-    parts = parts.rename(held_out_deviation="deviation", fold="reference")
-    folds = parts.sizes["reference"]
+    fold_fits = fit[["held_out_deviation", "status"]].drop_vars("reference")
+    fold_fits = fold_fits.rename(held_out_deviation="deviation", fold="reference")
+    folds = fold_fits.sizes["reference"]
     left_out = add_tables(
-        parts.assign(status=parts["status"].expand_dims(reference=folds)),
+        fold_fits.assign(status=fold_fits["status"].expand_dims(reference=folds)),
         heading_histogram(headings, abscissa=fits.attrs.get("abscissa", "magnetic")).compute(),
         resolution=fits.attrs.get("table_resolution", 0.1),
         sign=fits.attrs.get("table_sign", "subtract_error"),
@@ -474,11 +474,11 @@ def _sum_by_day(
     shape = (correctable.size, int(last - first) + 1)
     sums = np.zeros((3, *shape))
     names = ("heading", argument, "airspeed")
-    for part in parts_of(headings, {"": members}, [*names, "screening"]):
-        columns = np.array([*part.wind, *part.model[""], *map(part.column, names)])
-        used = (part.column("screening") == 0) & np.isfinite(columns.sum(axis=0))
+    for chunk in chunks(headings, {"": members}, [*names, "screening"]):
+        columns = np.array([*chunk.wind, *chunk.model[""], *map(chunk.column, names)])
+        used = (chunk.column("screening") == 0) & np.isfinite(columns.sum(axis=0))
         u, v, model_u, model_v, heading, magnetic, airspeed = columns[:, used]
-        aircraft, day = part.aircraft[used], part.day[used]
+        aircraft, day = chunk.aircraft[used], chunk.day[used]
         rows = tables[day % len(tables), aircraft]
         error = np.radians(unit_interpolation(np.nan_to_num(rows), magnetic))
         error[~correctable[aircraft]] = 0.0
@@ -508,9 +508,9 @@ def _compared(
     day leaves the intervals unknown; the gains are None where nothing could be compared.
     """
     ranked = {entry["aircraft"]: entry for entry in ranking}
-    chosen = np.array([ranked[name]["rank"] is not None for name in names])
-    chosen &= number.any(axis=1)
-    names, number, gain = names[chosen], number[chosen], gain[chosen]
+    usable = np.array([ranked[name]["rank"] is not None for name in names])
+    usable &= number.any(axis=1)
+    names, number, gain = names[usable], number[usable], gain[usable]
     if not names.size:
         return {"by_aircraft": [], "predicted_gain_kt": None, "realised_gain_kt": None}
     expected, errors = (

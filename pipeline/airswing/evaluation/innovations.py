@@ -54,7 +54,7 @@ HISTOGRAM_EDGES = np.arange(-20.0, 21.0)
 
 
 @dataclass(frozen=True)
-class Part:
+class Chunk:
     """Some whole aircraft of an archive, in memory."""
 
     block: xr.Dataset
@@ -70,27 +70,27 @@ class Part:
         return self.block[name].to_numpy().astype(np.float64)
 
 
-def parts_of(
+def chunks(
     headings: xr.Dataset,
     pools: Mapping[str, list[str]],
     names: Sequence[str] = (),
     corrected: xr.Dataset | None = None,
-) -> Iterator[Part]:
+) -> Iterator[Chunk]:
     """Read an archive, some whole aircraft at a time.
 
     ``names`` are further variables to read; ``corrected`` the corrected winds of the same reports.
     """
     first = 0
     wanted = (*CORRECTED_WINDS, "correction_applied")
-    others = iter(()) if corrected is None else blocks(corrected, wanted)
+    corrected_blocks = iter(()) if corrected is None else blocks(corrected, wanted)
     for block in blocks(headings, [*WINDS, "time", *names]):
         aircraft = aircraft_of_report(block) + first
         first += block.sizes["aircraft"]
-        better = next(others, block)
+        winds = next(corrected_blocks, block)
         applied = np.full(aircraft.size, CORRECTION["corrected"])
-        if "correction_applied" in better:
-            applied = better["correction_applied"].to_numpy()
-        yield Part(
+        if "correction_applied" in winds:
+            applied = winds["correction_applied"].to_numpy()
+        yield Chunk(
             block,
             aircraft,
             block["time"].to_numpy().astype("datetime64[D]").astype(np.int64),
@@ -99,7 +99,7 @@ def parts_of(
                 key: _vectors(member_mean(block[[*WINDS[2:]]].sel(reference=members)), WINDS[2:])
                 for key, members in pools.items()
             },
-            _vectors(better, WINDS[:2] if better is block else CORRECTED_WINDS),
+            _vectors(winds, WINDS[:2] if winds is block else CORRECTED_WINDS),
             applied,
         )
 
@@ -135,13 +135,13 @@ def innovations(
     speed = np.hypot(u_ref, v_ref)
     # the angle between the two vectors, clockwise positive, is the same for directions "from"
     turned = np.degrees(np.arctan2(u * v_ref - v * u_ref, u * u_ref + v * v_ref))
-    found = {
+    differences = {
         "speed": np.hypot(u, v) - speed,
         "direction": np.where(speed >= MIN_DIRECTION_WIND, turned, np.nan),
         "eastward": u - u_ref,
         "northward": v - v_ref,
     }
-    return {name: np.asarray(values, np.float64) for name, values in found.items()}
+    return {name: np.asarray(values, np.float64) for name, values in differences.items()}
 
 
 def members_of(headings: xr.Dataset, reference: str) -> list[str]:
@@ -149,10 +149,10 @@ def members_of(headings: xr.Dataset, reference: str) -> list[str]:
 
     Else those in the name of the pool (``ruc+rtfdaa``), else all references of the headings.
     """
-    known = [str(name) for name in headings["reference"].to_numpy()]
+    names = [str(name) for name in headings["reference"].to_numpy()]
     pools = json.loads(headings.attrs.get("airswing_config") or "{}").get("pool") or {}
-    parts = [reference] if reference in known else pools.get(reference, reference.split("+"))
-    return [name for name in parts if name in known] or known
+    members = [reference] if reference in names else pools.get(reference, reference.split("+"))
+    return [name for name in members if name in names] or names
 
 
 def member_mean(values: _Winds) -> _Winds:
@@ -248,8 +248,8 @@ def innovation_statistics(
 
     Examples
     --------
-    >>> found = airswing.innovation_statistics(headings, corrected, pools={"ruc": ["ruc"]})
-    >>> found["innovation_speed_bias"].dims
+    >>> statistics = airswing.innovation_statistics(headings, corrected, pools={"ruc": ["ruc"]})
+    >>> statistics["innovation_speed_bias"].dims
     ('reference', 'state', 'aircraft', 'flight_phase', 'layer')
     """
     return innovation_products(headings, corrected, pools=pools)[1]
@@ -267,31 +267,31 @@ def innovation_products(
     daily = {name: np.zeros((2, *shape, days.size)) for name in QUANTITIES}
     classes = HISTOGRAM_EDGES.size - 1
     histogram = np.zeros((*shape[:2], classes * classes), np.int64)
-    for part in parts_of(headings, pools, ("pressure", "phase", "flight", "screening"), corrected):
-        cell, day = profile_cells(part.block), part.day - first.astype(np.int64)
-        flight = part.block["flight"].to_numpy().astype(np.int64)
+    for chunk in chunks(headings, pools, ("pressure", "phase", "flight", "screening"), corrected):
+        cell, day = profile_cells(chunk.block), chunk.day - first.astype(np.int64)
+        flight = chunk.block["flight"].to_numpy().astype(np.int64)
         for i, j in np.ndindex(*shape[:2]):
-            wind, model = (part.wind, part.corrected)[j], list(part.model.values())[i]
-            found = innovations(*wind, *model)
-            for name, values in found.items():
+            wind, model = (chunk.wind, chunk.corrected)[j], list(chunk.model.values())[i]
+            differences = innovations(*wind, *model)
+            for name, values in differences.items():
                 good = np.isfinite(values) & (cell >= 0)
                 moments = [values[good] ** power for power in (0, 1, 2)]
                 for table, place in ((cells[name], cell), (daily[name], day)):
-                    key = part.aircraft[good] * table.shape[-1] + place[good]
+                    key = chunk.aircraft[good] * table.shape[-1] + place[good]
                     for power, total in enumerate(table[:, i, j]):
                         total += np.bincount(key, moments[power], total.size).reshape(total.shape)
                 if name in PROFILED:
                     profiles[i, j, PROFILED.index(name)] += cluster_sums(
                         moments[2], cell[good], flight[good], CELLS
                     )
-            good = np.isfinite(found["eastward"]) & (cell >= 0)
+            good = np.isfinite(differences["eastward"]) & (cell >= 0)
             east, north = (
-                np.clip(np.digitize(found[name][good], HISTOGRAM_EDGES) - 1, 0, classes - 1)
+                np.clip(np.digitize(differences[name][good], HISTOGRAM_EDGES) - 1, 0, classes - 1)
                 for name in ("eastward", "northward")
             )
             histogram[i, j] += np.bincount(east * classes + north, minlength=classes**2)
     names_of = {"reference": list(pools), "state": list(STATES), "flight_phase": list(PHASE)}
-    each = ("reference", "state", "aircraft", "flight_phase", "layer")
+    axes = ("reference", "state", "aircraft", "flight_phase", "layer")
     ds = xr.Dataset(
         coords=names_of
         | {
@@ -304,11 +304,11 @@ def innovation_products(
     for name in QUANTITIES:
         moments = list(cells[name].reshape(3, *shape, len(PHASE), -1))
         for kind, statistic in _statistics(*moments).items():
-            ds[f"innovation_{name}_{kind}"] = each, statistic
-        ds[f"daily_innovation_{name}"] = ((*each[:3], "day"), ratio(daily[name][1], daily[name][0]))
-    ds["daily_innovation_count"] = (*each[:3], "day"), daily["eastward"][0].astype(np.int32)
+            ds[f"innovation_{name}_{kind}"] = axes, statistic
+        ds[f"daily_innovation_{name}"] = ((*axes[:3], "day"), ratio(daily[name][1], daily[name][0]))
+    ds["daily_innovation_count"] = (*axes[:3], "day"), daily["eastward"][0].astype(np.int32)
     ds["innovation_histogram"] = (
-        (*each[:2], "eastward_class", "northward_class"),
+        (*axes[:2], "eastward_class", "northward_class"),
         histogram.reshape(*shape[:2], classes, classes),
     )
     sums = profiles.reshape(*profiles.shape[:-1], len(PHASE), -1)
@@ -332,15 +332,15 @@ def combined(statistics: xr.Dataset, over: Iterable[str]) -> xr.Dataset:
     ``aircraft``, ``flight_phase``, ``layer``: exact, as the moments add up.
     """
     dims = list(over)
-    found = xr.Dataset()
+    ds = xr.Dataset()
     for name in QUANTITIES:
         count = statistics[f"innovation_{name}_count"].astype(np.float64)
         bias, rms = (statistics[f"innovation_{name}_{kind}"] for kind in ("bias", "rms"))
-        moments = [one.sum(dims) for one in (count, count * bias, count * rms**2)]
-        for kind, values in _statistics(*(one.to_numpy() for one in moments)).items():
-            found[f"innovation_{name}_{kind}"] = moments[0].dims, values
-    return found.assign_coords(
-        {name: one for name, one in statistics.coords.items() if set(one.dims) <= set(found.dims)}
+        moments = [moment.sum(dims) for moment in (count, count * bias, count * rms**2)]
+        for kind, values in _statistics(*(moment.to_numpy() for moment in moments)).items():
+            ds[f"innovation_{name}_{kind}"] = moments[0].dims, values
+    return ds.assign_coords(
+        {name: axis for name, axis in statistics.coords.items() if set(axis.dims) <= set(ds.dims)}
     )
 
 

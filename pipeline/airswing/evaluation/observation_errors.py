@@ -51,7 +51,7 @@ from airswing.evaluation.innovations import (
     STATES,
     Floats,
     Ints,
-    parts_of,
+    chunks,
     profile_cells,
 )
 from airswing.evaluation.resampling import day_weights, interval, ratio, widened
@@ -113,16 +113,16 @@ def neighbouring_pairs(
     difference of ln p and of time, in units of :data:`REACH`.
     """
     drawn = np.random.default_rng(latitude.size).permutation(latitude.size)
-    chosen = np.sort(drawn[:_MOST_AT_ONCE])
-    phi, lam = np.radians(latitude[chosen]), np.radians(longitude[chosen])
+    sample = np.sort(drawn[:_MOST_AT_ONCE])
+    phi, lam = np.radians(latitude[sample]), np.radians(longitude[sample])
     place = np.stack([np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)], axis=1)
     place *= MODEL_EARTH_RADIUS / REACH[0]
-    where = np.column_stack([place, np.log(pressure[chosen]) / REACH[1], time[chosen] / REACH[2]])
-    found = cKDTree(where).query_pairs(1.0, output_type="ndarray").astype(np.int64)
-    found = found[np.diff(aircraft[chosen][found], axis=1)[:, 0] != 0]
-    apart = np.abs(np.diff(where[found], axis=1)[:, 0])
-    distance = np.sqrt((apart[:, :3] ** 2).sum(axis=1))
-    return chosen[found], np.column_stack([distance, apart[:, 3:]])
+    points = np.column_stack([place, np.log(pressure[sample]) / REACH[1], time[sample] / REACH[2]])
+    pairs = cKDTree(points).query_pairs(1.0, output_type="ndarray").astype(np.int64)
+    pairs = pairs[np.diff(aircraft[sample][pairs], axis=1)[:, 0] != 0]
+    gaps = np.abs(np.diff(points[pairs], axis=1)[:, 0])
+    distance = np.sqrt((gaps[:, :3] ** 2).sum(axis=1))
+    return sample[pairs], np.column_stack([distance, gaps[:, 3:]])
 
 
 def half_squares(east: Floats, north: Floats, pairs: Ints) -> Floats:
@@ -158,13 +158,13 @@ def separate(
         np.add.at(design, (row, column[table.cells[:, end]]), 0.5)
         np.add.at(design, (row, cells + table.classes[:, end]), 0.5)
     # A correlation that is smooth at zero separation decreases as a square there, and more slowly
-    # further out: the squares of the three parts, and the fourth power of the whole.
+    # further out: the squares of the three components, and the fourth power of their length.
     scale = np.sqrt(amplitude[table.cells]).prod(axis=1)
     scale /= max(float(scale.mean()), 1e-12)  # the terms are in the units of the half squares
     squared = table.separation**2
     terms = np.column_stack([squared, squared.sum(axis=1) ** 2])
     design[:, cells + classes :] = terms * scale[:, None]
-    drawn = _solved(design, table, weights, cells + classes)
+    drawn = _solve_draws(design, table, weights, cells + classes)
     of_cell = number / np.maximum(number.sum(axis=1, keepdims=True), 1.0)
     of_class = number / np.maximum(number.sum(axis=0, keepdims=True), 1.0)
     cell_part, class_part = drawn[:, column], drawn[:, cells : cells + classes]
@@ -172,7 +172,7 @@ def separate(
     return cell_part + class_part @ of_cell.T, by_class, resolved
 
 
-def _solved(design: Floats, table: PairTable, weights: Floats, variances: int) -> Floats:
+def _solve_draws(design: Floats, table: PairTable, weights: Floats, variances: int) -> Floats:
     """Weighted least squares for every draw of the days: (draw, column)."""
     # the variance of a half square is the square of its mean, here by separation
     distance = np.sqrt((table.separation**2).sum(axis=1))
@@ -193,8 +193,8 @@ def _solved(design: Floats, table: PairTable, weights: Floats, variances: int) -
     ridge = 1e-9 * diagonal + 1e-30
     # cells and classes both contain the mean; this assigns it to the classes
     ridge[:, :variances] += 1e-4 * diagonal[:, :variances].mean(axis=1, keepdims=True)
-    whole = matrix + ridge[..., None] * np.eye(matrix.shape[-1])
-    return np.asarray(np.linalg.solve(whole, right[..., None])[..., 0])
+    regularized = matrix + ridge[..., None] * np.eye(matrix.shape[-1])
+    return np.asarray(np.linalg.solve(regularized, right[..., None])[..., 0])
 
 
 def added_variance(
@@ -217,22 +217,22 @@ def added_variance(
     aircraft, day, cell = key
     days, craft = weights.shape[1], int(aircraft.max(initial=0)) + 1
 
-    def by(other: Ints, size: int, values: Floats) -> Floats:
-        table = np.bincount(cell * size + other, values, cells * size).reshape(cells, size)
+    def by(index: Ints, size: int, values: Floats) -> Floats:
+        table = np.bincount(cell * size + index, values, cells * size).reshape(cells, size)
         return np.vstack([table.sum(axis=0), table])
 
     flown = by(aircraft, craft, number)
     total = flown.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = by(day, days, crossed).sum(axis=1) / total
-        known = by(day, days, change).sum(axis=1) / total
+        mean_square = by(day, days, change).sum(axis=1) / total
         by_day, by_aircraft = (
-            (by(other, size, crossed) - mean[:, None] * by(other, size, number)) / total[:, None]
-            for other, size in ((day, days), (aircraft, craft))
+            (by(index, size, crossed) - mean[:, None] * by(index, size, number)) / total[:, None]
+            for index, size in ((day, days), (aircraft, craft))
         )
         together = np.bincount(aircraft * days + day, crossed - mean[0] * number)
-        each = np.bincount(cell, (crossed - mean[1:][cell] * number) ** 2, cells)
-        intersection = np.append((together**2).sum(), each) / total**2
+        by_cell = np.bincount(cell, (crossed - mean[1:][cell] * number) ** 2, cells)
+        intersection = np.append((together**2).sum(), by_cell) / total**2
     members = (flown > 0).sum(axis=1)
     by_aircraft *= np.sqrt(members / np.maximum(members - 1.0, 1.0))[:, None]
     drawn = np.random.default_rng([seed, 1]).normal(size=(len(weights), craft))
@@ -242,10 +242,10 @@ def added_variance(
     if len(weights) > 1:
         # the intersection is counted once
         variances = of_days[1:].var(axis=0), (by_aircraft**2).sum(axis=1)
-        both = variances[0] + variances[1]
-        once = np.maximum(both - intersection, np.maximum(*variances))
-        share = np.sqrt(np.divide(once, both, out=np.ones_like(both), where=both > 0.0))
-    return np.asarray(known + mean + share * (of_days + of_aircraft))
+        summed = variances[0] + variances[1]
+        once = np.maximum(summed - intersection, np.maximum(*variances))
+        share = np.sqrt(np.divide(once, summed, out=np.ones_like(summed), where=summed > 0.0))
+    return np.asarray(mean_square + mean + share * (of_days + of_aircraft))
 
 
 @dataclass(frozen=True)
@@ -290,19 +290,19 @@ def disagreements(
     days = np.unique(time[~np.isnat(time)].astype("datetime64[D]"))
     stride = -(-headings.sizes["report"] // MOST_REPORTS)
     stride += stride > 1 and stride % 7 == 0  # otherwise one day of the week would represent all
-    sums, kept = [], []
+    sums, paired = [], []
     speeds = np.zeros((CELLS, _SPEED_BINS))
     # a pool and its members may have the same name
     pools = {"pool": pool} | {f"single {member}": [member] for member in members}
-    for part in parts_of(headings, pools, _NAMES, corrected):
-        pooled, *single = part.model.values()
-        before, after = part.wind - pooled, part.corrected - pooled
+    for chunk in chunks(headings, pools, _NAMES, corrected):
+        pooled, *single = chunk.model.values()
+        before, after = chunk.wind - pooled, chunk.corrected - pooled
         change = before - after
-        time = part.block["time"].to_numpy()
+        time = chunk.block["time"].to_numpy()
         columns = {
-            "aircraft": part.aircraft,
+            "aircraft": chunk.aircraft,
             "day": np.searchsorted(days, time.astype("datetime64[D]")),
-            "cell": profile_cells(part.block),
+            "cell": profile_cells(chunk.block),
             "time": time.astype("datetime64[ms]").astype(np.float64) / 1000.0,
             "east": after[0],
             "north": after[1],
@@ -313,42 +313,42 @@ def disagreements(
             "change": 0.5 * (change**2).sum(axis=0),
             "crossed": (change * after).sum(axis=0),
         }
-        columns |= {name: part.column(name) for name in ("latitude", "longitude", "pressure")}
-        apart = [part.corrected - one for one in single]
+        columns |= {name: chunk.column(name) for name in ("latitude", "longitude", "pressure")}
+        differences = [chunk.corrected - model for model in single]
         pairs = {
-            (one, two): 0.5 * (apart[one] * apart[two]).sum(axis=0)
-            for one, two in combinations(range(len(single)), 2)
+            (i, j): 0.5 * (differences[i] * differences[j]).sum(axis=0)
+            for i, j in combinations(range(len(single)), 2)
         }
         good = (columns["cell"] >= 0) & ~np.isnat(time)
-        good &= np.all(np.isfinite([before, after, *apart]), axis=(0, 1))
-        good &= np.isin(part.applied, _APPLIED)
+        good &= np.all(np.isfinite([before, after, *differences]), axis=(0, 1))
+        good &= np.isin(chunk.applied, _APPLIED)
         table = pd.DataFrame(columns | pairs)[good]
         sums.append(table.groupby(_KEY)[[*_SUMMED, *pairs]].sum())
         np.add.at(speeds, (table["cell"], table["speed"].astype(int)), 1.0)
-        kept.append(table.loc[table["day"] % stride == 0, [*_PAIRED]])
+        paired.append(table.loc[table["day"] % stride == 0, [*_PAIRED]])
     return Disagreements(
         days,
         headings.sizes["aircraft"],
         pd.concat(sums),
         speeds.reshape(len(PHASE), _LAYERS, -1).sum(axis=0),
-        pd.concat(kept),
+        pd.concat(paired),
     )
 
 
-def near_pairs(found: Disagreements, classes: Ints) -> PairTable:
+def near_pairs(archive: Disagreements, classes: Ints) -> PairTable:
     """Pair the neighbouring reports of every day; ``classes`` (aircraft,)."""
-    rng, most = np.random.default_rng(0), max(MOST_PAIRS // max(found.days.size, 1), 1)
-    parts = [(np.zeros(0, np.int64), *np.zeros((2, 0, 2), np.int64), np.zeros((0, 3)), np.zeros(0))]
-    for day, rows in found.reports.groupby("day"):
-        part = {str(name): values.to_numpy() for name, values in rows.items()}
-        ends, separation = neighbouring_pairs(*(part[name] for name in _PAIRED[:5]))
+    rng, most = np.random.default_rng(0), max(MOST_PAIRS // max(archive.days.size, 1), 1)
+    pairs = [(np.zeros(0, np.int64), *np.zeros((2, 0, 2), np.int64), np.zeros((0, 3)), np.zeros(0))]
+    for day, rows in archive.reports.groupby("day"):
+        reports = {str(name): values.to_numpy() for name, values in rows.items()}
+        ends, separation = neighbouring_pairs(*(reports[name] for name in _PAIRED[:5]))
         if len(ends) > most:
-            chosen = np.sort(rng.permutation(len(ends))[:most])
-            ends, separation = ends[chosen], separation[chosen]
-        squares = half_squares(part["east"], part["north"], ends)
-        columns = part["cell"][ends], classes[part["aircraft"][ends]], separation, squares
-        parts.append((np.full(len(ends), day), *columns))
-    return PairTable(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+            sample = np.sort(rng.permutation(len(ends))[:most])
+            ends, separation = ends[sample], separation[sample]
+        squares = half_squares(reports["east"], reports["north"], ends)
+        columns = reports["cell"][ends], classes[reports["aircraft"][ends]], separation, squares
+        pairs.append((np.full(len(ends), day), *columns))
+    return PairTable(*(np.concatenate(column) for column in zip(*pairs, strict=True)))
 
 
 def observation_errors(
@@ -394,38 +394,38 @@ def observation_errors(
     ('flight_phase', 'layer', 'state')
     """
     members = [name for name, inside in pools.items() if len(inside) == 1]
-    found = disagreements(headings, corrected, members, list(pools[reference]))
-    days = found.days.size
+    archive = disagreements(headings, corrected, members, list(pools[reference]))
+    days = archive.days.size
     weights = np.ones((1, days))
     if days >= FEWEST_DAYS:
         weights = np.vstack([weights, day_weights(days, draws=DRAWS, seed=seed)])
-    number = np.maximum(weights @ found.reports_by_day.T, 0.0)
-    key = np.array([found.sums.index.get_level_values(level) for level in _KEY])
+    number = np.maximum(weights @ archive.reports_by_day.T, 0.0)
+    key = np.array([archive.sums.index.get_level_values(level) for level in _KEY])
     of_key, change, crossed = (
-        found.sums[name].to_numpy() for name in ("number", "change", "crossed")
+        archive.sums[name].to_numpy() for name in ("number", "change", "crossed")
     )
     added = added_variance(key, of_key, change, crossed, weights, cells=CELLS, seed=seed)
     # use the pair of references with the smallest mean product of disagreements
-    pairs = [name for name in found.sums if isinstance(name, tuple) and len(found.sums)]
-    hat_pair = min(pairs, key=lambda pair: found.sums[pair].sum(), default=None)
+    pairs = [name for name in archive.sums if isinstance(name, tuple) and len(archive.sums)]
+    hat_pair = min(pairs, key=lambda pair: archive.sums[pair].sum(), default=None)
     # Variances of corrected winds by cell and of the fleet, (draw, cell) and (draw,), by method;
     # of aircraft (draw, state, aircraft). The first draw is the estimate; NaN where not known.
     cells, fleet = np.full((2, *number.shape), np.nan), np.full((2, len(number)), np.nan)
-    aircraft = np.full((len(number), len(STATES), found.number), np.nan)
-    separated = _separation(found, number, weights)
+    aircraft = np.full((len(number), len(STATES), archive.number), np.nan)
+    separated = _separation(archive, number, weights)
     if separated is not None:
         cells[0], fleet[0], aircraft = separated
     if hat_pair is not None:
-        total = weights @ found.by("cell", "day", hat_pair).T
+        total = weights @ archive.by("cell", "day", hat_pair).T
         cells[1] = ratio(total, number) - covariance
-        cells[1][:, found.reports_by_day.sum(axis=1) < FEWEST_REPORTS] = np.nan
+        cells[1][:, archive.reports_by_day.sum(axis=1) < FEWEST_REPORTS] = np.nan
         fleet[1] = ratio(total.sum(-1), number.sum(-1)) - covariance
     # both states: (draw, state, method, cell) and (draw, state, method)
     fleet = widened(np.stack([fleet.T + added[:, :1], fleet.T], axis=1), days)
     cells = np.moveaxis(cells, 0, 1)
     cells = widened(np.stack([cells + added[:, None, 1:], cells], axis=1), days)
-    known = separated is not None, hat_pair is not None
-    method, reason = _preferred(fleet[:, -1], known, len(members))
+    available = separated is not None, hat_pair is not None
+    method, reason = _preferred(fleet[:, -1], available, len(members))
     preferred = METHODS.index(method or METHODS[0])
     tables = _table(cells, number)
     # the error of the cell, else that of its layer, else that of the fleet
@@ -453,7 +453,7 @@ def observation_errors(
             bounds = np.where(np.isfinite(drawn[0]), ends, np.nan)
         data[f"{name}_interval"] = ((*dims, "bound"), np.moveaxis(bounds, 0, -1))
     return xr.Dataset(
-        data | _context(found),
+        data | _context(archive),
         coords={
             "aircraft": headings["aircraft"].to_numpy().astype(str),
             "flight_phase": list(FLIGHT_PHASES),
@@ -473,43 +473,43 @@ def observation_errors(
 
 
 def _separation(
-    found: Disagreements, number: Floats, weights: Floats
+    archive: Disagreements, number: Floats, weights: Floats
 ) -> tuple[Floats, Floats, Floats] | None:
     """Variances of cells, fleet and aircraft from neighbours; None with too few pairs."""
-    if found.sums.empty:
+    if archive.sums.empty:
         return None
-    flown = found.by("aircraft", "cell", "number")
-    squares = np.stack([found.by("aircraft", "day", state) for state in STATES])
+    flown = archive.by("aircraft", "cell", "number")
+    squares = np.stack([archive.by("aircraft", "day", state) for state in STATES])
     # Aircraft of similar disagreement form a class; in a small fleet each is a class.
     disagreement = squares[-1].sum(axis=1) / np.maximum(flown.sum(axis=1), 1.0)
-    order, classes = np.argsort(disagreement, kind="stable"), np.empty(found.number, np.int64)
-    count = min(MOST_CLASSES, found.number)
-    classes[order] = np.arange(found.number) * count // found.number
+    order, classes = np.argsort(disagreement, kind="stable"), np.empty(archive.number, np.int64)
+    count = min(MOST_CLASSES, archive.number)
+    classes[order] = np.arange(archive.number) * count // archive.number
     by_class = np.zeros((CELLS, count))
     np.add.at(by_class.T, classes, flown)
     amplitude = ratio(
-        found.by("cell", "day", "corrected").sum(axis=1), found.reports_by_day.sum(axis=1)
+        archive.by("cell", "day", "corrected").sum(axis=1), archive.reports_by_day.sum(axis=1)
     )
-    parts = separate(near_pairs(found, classes), by_class, np.nan_to_num(amplitude), weights)
-    if parts is None:
+    separated = separate(near_pairs(archive, classes), by_class, np.nan_to_num(amplitude), weights)
+    if separated is None:
         return None
-    by_cell, variances, resolved = parts
+    by_cell, variances, resolved = separated
     fleet = ratio((by_cell * number).sum(-1), number.sum(-1))
-    mean = ratio(squares @ weights.T, found.by("aircraft", "day", "number") @ weights.T)
+    mean = ratio(squares @ weights.T, archive.by("aircraft", "day", "number") @ weights.T)
     more = np.nan_to_num((mean - mean[-1:]).transpose(2, 0, 1), nan=0.0)
     aircraft = variances[:, classes][:, None] + more
     aircraft[..., flown.sum(axis=1) == 0] = np.nan
     return np.where(resolved, by_cell, np.nan), fleet, aircraft
 
 
-def _preferred(fleet: Floats, known: tuple[bool, bool], members: int) -> tuple[str, str]:
+def _preferred(fleet: Floats, available: tuple[bool, bool], members: int) -> tuple[str, str]:
     """Preferred method by the fleet's variances (draw, method), and the reason; or no method."""
-    if not any(known):
+    if not any(available):
         return "", "too few neighbouring aircraft or days, and only one reference"
     words = "the references' errors"
-    if not known[0]:
+    if not available[0]:
         return METHODS[1], f"too few neighbours; an upper bound where {words} are correlated"
-    if not known[1] or len(fleet) == 1:
+    if not available[1] or len(fleet) == 1:
         reason = "only one reference" if members < 2 else "the references' covariance is not known"
         return METHODS[0], reason
     shared = fleet[:, 1] - fleet[:, 0]
@@ -529,21 +529,21 @@ def _table(cells: Floats, number: Floats) -> Floats:
     shape = (len(number), len(PHASE), _LAYERS)
     cells = np.moveaxis(cells, 3, 1).reshape(*shape, *cells.shape[1:3])
     weight = number.reshape(shape)[..., None, None] * np.isfinite(cells)
-    whole = ratio((np.nan_to_num(cells) * weight).sum(axis=1), weight.sum(axis=1))
+    all_phases = ratio((np.nan_to_num(cells) * weight).sum(axis=1), weight.sum(axis=1))
     total = number.reshape(shape).sum(axis=1)[..., None, None]
-    whole = np.where(weight.sum(axis=1) >= KNOWN_SHARE * total, whole, np.nan)
-    return np.stack([whole, *(cells[:, PHASE[name]] for name in FLIGHT_PHASES[1:])], axis=1)
+    all_phases = np.where(weight.sum(axis=1) >= KNOWN_SHARE * total, all_phases, np.nan)
+    return np.stack([all_phases, *(cells[:, PHASE[name]] for name in FLIGHT_PHASES[1:])], axis=1)
 
 
-def _context(found: Disagreements) -> dict[str, Any]:
+def _context(archive: Disagreements) -> dict[str, Any]:
     """Counts, rms disagreement, median speed, and the errors that assimilation systems use."""
     bottom, top = (values for _, values in LAYER_PRESSURES.values())
     names = ("number", *STATES)
-    by_cell = np.array([found.by("cell", "aircraft", name).sum(axis=1) for name in names])
+    by_cell = np.array([archive.by("cell", "aircraft", name).sum(axis=1) for name in names])
     by_cell = by_cell.reshape(len(names), len(PHASE), _LAYERS)
     rows = [by_cell.sum(axis=1), *(by_cell[:, PHASE[name]] for name in FLIGHT_PHASES[1:])]
     counted, *squares = np.stack(rows, axis=1)
-    speeds = found.speeds.cumsum(axis=-1)
+    speeds = archive.speeds.cumsum(axis=-1)
     median = (speeds < 0.5 * speeds[:, -1:]).sum(axis=-1) + 0.5
     return {
         "observation_count": (("flight_phase", "layer"), counted.astype(np.int64)),

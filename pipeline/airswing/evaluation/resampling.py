@@ -85,8 +85,8 @@ def cluster_sums(values: Floats, group: Ints, cluster: Ints, groups: int) -> Flo
     total = np.bincount(pair, weights=values, minlength=keys.size)
     count = np.bincount(pair, minlength=keys.size).astype(np.float64)
     owner = keys % groups
-    parts = (count, total, np.ones_like(total), total**2, total * count, count**2)
-    return np.array([np.bincount(owner, weights=part, minlength=groups) for part in parts])
+    terms = (count, total, np.ones_like(total), total**2, total * count, count**2)
+    return np.array([np.bincount(owner, weights=term, minlength=groups) for term in terms])
 
 
 def clustered_mean(sums: Floats) -> tuple[Floats, Floats]:
@@ -119,10 +119,10 @@ def permutation_test(
     it. NaN with fewer than :data:`FEWEST_PERMUTED` units, an empty group, or where the covariate
     determines the group.
     """
-    none = float("nan"), float("nan")
+    undefined = float("nan"), float("nan")
     number = outcome.size
     if number < FEWEST_PERMUTED or treated.all() or not treated.any():
-        return none
+        return undefined
     columns = [np.ones(number), *([] if covariate is None else [covariate])]
     # an orthonormal basis replaces the hat matrix
     directions, sizes, _ = np.linalg.svd(np.column_stack(columns), full_matrices=False)
@@ -132,14 +132,14 @@ def permutation_test(
     group = group - span @ (span.T @ group)
     information = float(group @ group)
     if information < 1e-9 * number:
-        return none
+        return undefined
 
     shuffled = np.random.default_rng(seed).permuted(np.tile(outcome - fitted, (draws, 1)), axis=1)
     values = np.vstack([outcome, fitted + shuffled])
-    rest = values - (values @ span) @ span.T
-    effects = (rest @ group) / information
-    rest = rest - effects[:, np.newaxis] * group
-    error = np.sqrt((rest**2).sum(1) / max(number - len(columns) - 1, 1) / information)
+    residual = values - (values @ span) @ span.T
+    effects = (residual @ group) / information
+    residual = residual - effects[:, np.newaxis] * group
+    error = np.sqrt((residual**2).sum(1) / max(number - len(columns) - 1, 1) / information)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.abs(effects / error)
     # draws that change nothing count as large, irrespective of rounding

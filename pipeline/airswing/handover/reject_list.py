@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 
 from airswing.errors import InputError
-from airswing.evaluation.innovations import innovations, members_of, parts_of, profile_cells
+from airswing.evaluation.innovations import chunks, innovations, members_of, profile_cells
 from airswing.handover.selection import (
     APPLIED,
     Request,
@@ -226,7 +226,7 @@ def _judged(request: Request, criteria: dict[str, float]) -> list[dict[str, Any]
         reference = str(request.corrected.attrs.get("correction_reference", ""))
         pools, needed = {"": members_of(headings, reference)}, ["pressure", "phase", "screening"]
         first, last = time_span(headings)
-        for part in parts_of(headings, pools, needed, request.corrected):
+        for part in chunks(headings, pools, needed, request.corrected):
             usable = (profile_cells(part.block) >= 0) & np.isfinite(
                 part.wind[0] + part.model[""][0]
             )

@@ -60,7 +60,7 @@ class Reference:
     def __init__(self, blocks: list[Blocks], free: NDArray[np.bool_], days: Index) -> None:
         self.blocks, self.free, self.days = blocks, free, days
         latitude, longitude, log_pressure, segment = (
-            np.concatenate([getattr(part, name) for part in blocks])
+            np.concatenate([getattr(sums, name) for sums in blocks])
             for name in ("latitude", "longitude", "log_pressure", "segment")
         )
         self.basis = FieldBasis.of(latitude, longitude, log_pressure)

@@ -91,38 +91,38 @@ class CompassWatch:
         ``standard_error_deg`` of A to E, ``curve_rms_deg`` (rms over the compass) and ``p_value``:
         the expected number of changes as clear as this in a fleet without any.
         """
-        rows = rows_by_aircraft(self.days.aircraft, self.aircraft.size)
-        return [self._entry(number, part) for number, part in enumerate(rows)]
+        slices = rows_by_aircraft(self.days.aircraft, self.aircraft.size)
+        return [self._entry(number, rows) for number, rows in enumerate(slices)]
 
     def _entry(self, number: int, rows: slice) -> Content:
         scale, day = float(self.tested.scale[number]), self.days.day[rows]
         months = month_of(day)
         weight, right, common = (
-            one[rows].astype(np.float64)
-            for one in (self.days.normal, self.days.right, self.tested.common)
+            values[rows].astype(np.float64)
+            for values in (self.days.normal, self.days.right, self.tested.common)
         )
         for month in np.unique(months):
-            here, noise = months == month, self.tested.noise[int(month)]
-            weight[here], right[here] = noise.weights(weight[here], right[here])
+            in_month, noise = months == month, self.tested.noise[int(month)]
+            weight[in_month], right[in_month] = noise.weights(weight[in_month], right[in_month])
         right -= np.einsum("nij,nj->ni", weight, common)  # without the fleet's common part
 
         def step(low: int, high: int) -> Step | None:
             if low >= high:
                 return None
             noise = self.tested.noise[int(months[high - 1])]
-            part = slice(low, high)
-            return step_of_series(COMPASS.law, noise, scale, day[part], weight[part], right[part])
+            span = slice(low, high)
+            return step_of_series(COMPASS.law, noise, scale, day[span], weight[span], right[span])
 
         def stated(steps: list[Step | None]) -> list[Step]:
-            found = [one for one in steps if one is not None]
-            return [one for one in found if self.false_changes(one.statistic) <= FALSE_CHANGES]
+            present = [item for item in steps if item is not None]
+            return [item for item in present if self.false_changes(item.statistic) <= FALSE_CHANGES]
 
         first = step(0, day.size)
         new, edges = stated([first]), [0, day.size]
         for _ in range(MOST_CHANGES):
             if not new:
                 break
-            edges = sorted({*edges, *np.searchsorted(day, [one.day for one in new]).tolist()})
+            edges = sorted({*edges, *np.searchsorted(day, [item.day for item in new]).tolist()})
             new = stated([step(*ends) for ends in pairwise(edges)])
         # test each date again between its neighbours, so that its error is that of both parts
         changes = stated([step(*ends) for ends in zip(edges[:-2], edges[2:], strict=True)])
@@ -132,10 +132,10 @@ class CompassWatch:
             "p_value": None if first is None else self.false_changes(first.statistic),
             "statistic": None if first is None else first.statistic,
             "changes": [
-                {"date": date_of(one.day)}
-                | step_numbers(one)
-                | {"p_value": self.false_changes(one.statistic)}
-                for one in changes
+                {"date": date_of(change.day)}
+                | step_numbers(change)
+                | {"p_value": self.false_changes(change.statistic)}
+                for change in changes
             ],
         }
 
@@ -152,9 +152,9 @@ def compass_days(headings: xr.Dataset, members: list[str], *, abscissa: str) -> 
     """
     argument = "magnetic_heading" if abscissa == "magnetic" else "heading"
     names = [argument, "heading", "airspeed", "heading_error", "airspeed_error"]
-    none = np.zeros(0, np.int64)
+    empty = np.zeros(0, np.int64)
     parts: list[tuple[NDArray[np.generic], ...]] = [
-        (none, none, np.zeros((0, UNKNOWNS, UNKNOWNS), "f4"), np.zeros((0, UNKNOWNS), "f4"))
+        (empty, empty, np.zeros((0, UNKNOWNS, UNKNOWNS), "f4"), np.zeros((0, UNKNOWNS), "f4"))
     ]
     first = 0
     for block in blocks(headings, [*names, "time", "flight", "screening"]):
@@ -173,7 +173,7 @@ def compass_days(headings: xr.Dataset, members: list[str], *, abscissa: str) -> 
         for number, (start, stop) in enumerate(bounds, first):
             rows = np.flatnonzero(good[start:stop]) + start
             if rows.size:
-                days, normal, right = _normal_equations(*(one[rows] for one in columns))
+                days, normal, right = _normal_equations(*(column[rows] for column in columns))
                 # in single precision: a large fleet has millions of these matrices
                 sums = normal.astype(np.float32), right.astype(np.float32)
                 parts.append((np.full(days.size, number), days, *sums))
@@ -197,18 +197,18 @@ def _normal_equations(
     """
     across, ahead = compass_design(magnetic, heading, airspeed)
     cross = airspeed * error
-    kept = np.flatnonzero(_not_gross(across, ahead, cross, along))
-    order = kept[np.lexsort((flight[kept], day[kept]))]
+    used = np.flatnonzero(_not_gross(across, ahead, cross, along))
+    order = used[np.lexsort((flight[used], day[used]))]
     # a flight past midnight is one flight of each day
     new = (np.diff(day[order]) != 0) | (np.diff(flight[order]) != 0)
     start = np.flatnonzero(np.append(order.size > 0, new))
-    one, two, y_one, y_two = across[order], ahead[order], cross[order], along[order]
+    across, ahead, cross, along = across[order], ahead[order], cross[order], along[order]
     normal, right = np.empty((start.size, UNKNOWNS, UNKNOWNS)), np.empty((start.size, UNKNOWNS))
     # by pairs of columns: no loop over flights, and no matrix for each report
     for i in range(UNKNOWNS):
-        right[:, i] = np.add.reduceat(one[:, i] * y_one + two[:, i] * y_two, start)
+        right[:, i] = np.add.reduceat(across[:, i] * cross + ahead[:, i] * along, start)
         for j in range(i, UNKNOWNS):
-            products = one[:, i] * one[:, j] + two[:, i] * two[:, j]
+            products = across[:, i] * across[:, j] + ahead[:, i] * ahead[:, j]
             normal[:, i, j] = normal[:, j, i] = np.add.reduceat(products, start)
     normal, right = without_flight_bias(normal, right)
     days, first = np.unique(day[order], return_index=True)
@@ -247,9 +247,9 @@ def _not_gross(across: Floats, ahead: Floats, cross: Floats, along: Floats) -> N
     """Reports within :data:`GROSS` robust standard deviations of a first fit."""
     keep = np.isfinite(cross + along)
     for _ in range(2):
-        one, two = (rows if keep.all() else rows[keep] for rows in (across, ahead))
-        theta = np.linalg.pinv(one.T @ one + two.T @ two, hermitian=True) @ (
-            one.T @ cross[keep] + two.T @ along[keep]
+        a, b = (rows if keep.all() else rows[keep] for rows in (across, ahead))
+        theta = np.linalg.pinv(a.T @ a + b.T @ b, hermitian=True) @ (
+            a.T @ cross[keep] + b.T @ along[keep]
         )
         distance = np.hypot(cross - across @ theta, along - ahead @ theta)
         # the median of a Rayleigh variable is 1.177 times its parameter
@@ -324,19 +324,19 @@ def add_changes(fits: xr.Dataset, changes: list[Content]) -> xr.Dataset:
     ``change_date_low``, ``change_date_high`` (NaT where there is none); all changes in the
     attribute ``compass_changes``, which :func:`noted_changes` reads.
     """
-    known = {entry["aircraft"]: entry for entry in changes}
-    none: Content = {"curve_rms_deg": 0.0, "date": "NaT", "date_ci": ["NaT", "NaT"]}
+    by_aircraft = {entry["aircraft"]: entry for entry in changes}
+    unchanged: Content = {"curve_rms_deg": 0.0, "date": "NaT", "date_ci": ["NaT", "NaT"]}
     columns = [(f"change_{key}", kind) for key, kind in _CHANGE.items()]
     rows = []
     for name in fits["aircraft"].to_numpy():
-        entry = known.get(str(name), {"p_value": None, "changes": []})
+        entry = by_aircraft.get(str(name), {"p_value": None, "changes": []})
         p_value = np.nan if entry["p_value"] is None else entry["p_value"]
-        largest = max(entry["changes"], key=lambda one: one["curve_rms_deg"], default=none)
+        largest = max(entry["changes"], key=lambda item: item["curve_rms_deg"], default=unchanged)
         size = len(entry["changes"]), p_value, largest["curve_rms_deg"]
         rows.append((*size, largest["date"], *largest["date_ci"]))
     table = np.array(rows, columns)
-    found = fits.assign({name: ("aircraft", table[name]) for name, _ in columns})
-    return describe(found.assign_attrs(compass_changes=json.dumps(changes)))
+    ds = fits.assign({name: ("aircraft", table[name]) for name, _ in columns})
+    return describe(ds.assign_attrs(compass_changes=json.dumps(changes)))
 
 
 def noted_changes(fits: xr.Dataset) -> list[Content]:
@@ -347,8 +347,8 @@ def noted_changes(fits: xr.Dataset) -> list[Content]:
             field="compass_changes",
             remedy="Make them again: `airswing fit`",
         )
-    found: list[Content] = json.loads(fits.attrs["compass_changes"])
-    return found
+    changes: list[Content] = json.loads(fits.attrs["compass_changes"])
+    return changes
 
 
 def change_warnings(fits: xr.Dataset) -> list[str]:
@@ -356,12 +356,13 @@ def change_warnings(fits: xr.Dataset) -> list[str]:
     lines = []
     for entry in noted_changes(fits) if "compass_changes" in fits.attrs else []:
         if changes := entry["changes"]:
-            one = max(changes, key=lambda change: change["curve_rms_deg"])
-            others = f" (the largest of {len(changes)} changes)" if len(changes) > 1 else ""
-            low, high = one["date_ci"]
+            largest = max(changes, key=lambda change: change["curve_rms_deg"])
+            among = f" (the largest of {len(changes)} changes)" if len(changes) > 1 else ""
+            low, high = largest["date_ci"]
             lines.append(
-                f"{entry['aircraft']}: the compass changed by {one['curve_rms_deg']:.1f} degrees "
-                f"rms on {one['date']} ({low} to {high}){others}; its fit covers both states"
+                f"{entry['aircraft']}: the compass changed by {largest['curve_rms_deg']:.1f} "
+                f"degrees rms on {largest['date']} ({low} to {high}){among}; "
+                "its fit covers both states"
             )
     return lines
 
@@ -396,15 +397,15 @@ def fit_by_window(
     windows: set[int] = set()
     for block in blocks(headings, ["time", "screening"]):
         windows.update(number(block)[block["screening"].to_numpy() == 0].tolist())
-    sums: dict[int, list[xr.DataArray]] = {one: [] for one in windows}
+    sums: dict[int, list[xr.DataArray]] = {key: [] for key in windows}
     for block in blocks(headings.sel(reference=members), FITTED_FROM):
         place = number(block)
-        for one, parts in sums.items():
-            parts.append(sum_aircraft(some_reports(block, place == one), pools=mean, **fit_options))
-    found, words = [], {code: name for name, code in STATUS.items()}
-    for one in windows:
-        fits = fit_sums(xr.concat(sums.pop(one), "aircraft")).sel(reference=reference)
-        first = str(np.datetime64(one * step, "M").astype("datetime64[D]"))
+        for key, parts in sums.items():
+            parts.append(sum_aircraft(some_reports(block, place == key), pools=mean, **fit_options))
+    entries, words = [], {code: name for name, code in STATUS.items()}
+    for key in windows:
+        fits = fit_sums(xr.concat(sums.pop(key), "aircraft")).sel(reference=reference)
+        first = str(np.datetime64(key * step, "M").astype("datetime64[D]"))
         for k in range(fits.sizes["aircraft"]):
             fit = fits.isel(aircraft=k)
             entry: Content = {
@@ -416,8 +417,8 @@ def fit_by_window(
             if published(fit["status"]):
                 errors = np.sqrt(np.diag(fit["deviation_covariance"].to_numpy()))
                 for name in ("offset", "amplitude", "phase"):
-                    entry |= {one: float(fit[one]) for one in (name, f"{name}_standard_error")}
+                    entry |= {key: float(fit[key]) for key in (name, f"{name}_standard_error")}
                 for name, value, error in zip("ABCDE", fit["deviation"], errors, strict=True):
                     entry |= {name: float(value), f"{name}_standard_error": float(error)}
-            found.append(entry)
-    return sorted(found, key=lambda entry: (entry["aircraft"], entry["window"]))
+            entries.append(entry)
+    return sorted(entries, key=lambda entry: (entry["aircraft"], entry["window"]))

@@ -29,7 +29,7 @@ from airswing.compass.correction import (
     main_reference,
 )
 from airswing.errors import InputError
-from airswing.evaluation.innovations import Ints, parts_of
+from airswing.evaluation.innovations import Ints, chunks
 from airswing.evaluation.monitoring.changes import (
     CompassWatch,
     date_of,
@@ -84,16 +84,16 @@ class Event:
     @property
     def details(self) -> str:
         """Size of a change with its 95 % interval, or length of a silence."""
-        found = self.evidence
-        if "factor" in found:
-            half = NORMAL_95 * found["standard_error"]
-            return f"{found['factor']:.2f} ± {half:.2f} times the past disagreement"
-        if "curve_rms_deg" in found:
-            offset, half = (found[key]["A"] for key in ("change_deg", "standard_error_deg"))
+        facts = self.evidence
+        if "factor" in facts:
+            half = NORMAL_95 * facts["standard_error"]
+            return f"{facts['factor']:.2f} ± {half:.2f} times the past disagreement"
+        if "curve_rms_deg" in facts:
+            offset, half = (facts[key]["A"] for key in ("change_deg", "standard_error_deg"))
             offset_text = f"offset {offset:+.1f} ± {NORMAL_95 * half:.1f}"
-            return f"by {found['curve_rms_deg']:.1f} degrees rms, {offset_text}"
-        if "days" in found:
-            return f"no report for {found['days']} days; up to {found['usual_days']} is usual"
+            return f"by {facts['curve_rms_deg']:.1f} degrees rms, {offset_text}"
+        if "days" in facts:
+            return f"no report for {facts['days']} days; up to {facts['usual_days']} is usual"
         return ""
 
     @property
@@ -165,7 +165,7 @@ class Monitoring:
     @property
     def text(self) -> str:
         """Summary: a line for every new event, and the aircraft that need a table or are silent."""
-        news, silent = self.new_events, [one.aircraft for one in self.states if one.silent]
+        news, silent = self.new_events, [state.aircraft for state in self.states if state.silent]
         lines = [
             f"Monitoring up to {self.until}: {len(news) or 'no'} new event{'s' * (len(news) != 1)}",
             *(event.line for event in news),
@@ -177,9 +177,9 @@ class Monitoring:
         return "\n".join(lines)
 
 
-def write_events(found: Monitoring, path: Path) -> Path:
+def write_events(monitoring: Monitoring, path: Path) -> Path:
     """Write ``events.json``."""
-    return write_json(path, {"version": VERSION, **asdict(found)})
+    return write_json(path, {"version": VERSION, **asdict(monitoring)})
 
 
 def read_events(path: Path) -> Monitoring:
@@ -246,13 +246,13 @@ def find_events(
 
     Examples
     --------
-    >>> found = airswing.find_events(headings, fits, reference="ruc", members=["ruc"])
-    >>> len(found.new_events) <= len(found.events)
+    >>> monitoring = airswing.find_events(headings, fits, reference="ruc", members=["ruc"])
+    >>> len(monitoring.new_events) <= len(monitoring.events)
     True
     """
     name, aircraft = reference or main_reference(fits), headings["aircraft"].to_numpy().astype(str)
-    known = headings["reference"].to_numpy().astype(str).tolist()
-    members = members or ([name] if name in known else known)
+    references = headings["reference"].to_numpy().astype(str).tolist()
+    members = members or ([name] if name in references else references)
     winds = wind_days(headings, members, corrected=corrected)
     last = int(winds["day"].to_numpy().max(initial=0)) if until is None else _day(until)
     winds = winds[winds["day"] <= last]
@@ -272,46 +272,46 @@ def find_events(
         WIND,
         aircraft.size,
     ).alarms
-    found = [_step_event(step, aircraft, "compass_changed") for step in turned]
+    events = [_step_event(step, aircraft, "compass_changed") for step in turned]
     steps = [(step.number, step.day) for step in turned]
-    for one in risen:
-        explained = any(k == one.number and abs(day - one.day) <= LONGEST // 2 for k, day in steps)
+    for step in risen:
+        covered = any(k == step.number and abs(day - step.day) <= LONGEST // 2 for k, day in steps)
         # a decrease needs no action, and a step explains an increase
-        if one.change[0] > 0 and not explained:
-            found.append(_step_event(one, aircraft, "disagreement_rose"))
+        if step.change[0] > 0 and not covered:
+            events.append(_step_event(step, aircraft, "disagreement_rose"))
     days = winds["aircraft"].to_numpy(), winds["day"].to_numpy()
     begin, silences = first_days_and_silences(*days, aircraft.size, last)
     for silence in silences:
         dates = date_of(silence.first), date_of(silence.noticed)
         evidence = {"days": silence.usual_days + 1, "usual_days": silence.usual_days}
-        found.append(Event("aircraft_silent", *dates, str(aircraft[silence.number]), evidence))
+        events.append(Event("aircraft_silent", *dates, str(aircraft[silence.number]), evidence))
     # an aircraft that begins with the archive is not new
     new = (begin >= winds["day"].min() + LEARNING) & (begin <= last)
     if previous is None:
         previous = Monitoring(date_of(0), name, [], [])
     else:
         new = (begin <= last) & ~np.isin(aircraft, [state.aircraft for state in previous.states])
-    found += [
+    events += [
         Event("aircraft_new", date_of(day), date_of(day), str(who), {})
         for who, day in zip(aircraft[new], begin[new], strict=True)
     ]
-    news = _not_reported(found, previous)
+    news = _not_reported(events, previous)
     news.sort(key=lambda event: (event.noticed, event.date, event.aircraft or ""))
     before = {state.aircraft: state for state in previous.states}
     if previous.reference != name:  # its tables are of another reference
         before = {who: replace(state, table_in_use=None) for who, state in before.items()}
     now = tables_of(fits.sel(reference=name))
-    in_use = now | {who: one.table_in_use for who, one in before.items() if one.table_in_use}
+    in_use = now | {who: state.table_in_use for who, state in before.items() if state.table_in_use}
     in_use |= tables_in_use or {}
-    silent = {one.number for one in silences if one.lasts}
+    silent = {silence.number for silence in silences if silence.lasts}
     present = {}
     for _, rows in winds.groupby("aircraft"):
         number = int(rows["aircraft"].iloc[0])
         who, (first, seen) = str(aircraft[number]), map(date_of, rows["day"].iloc[[0, -1]])
         measured = rows[rows["count"] > 0]
         means = [
-            float(part["difference"].sum() / part["count"].sum() / KNOT) if len(part) else None
-            for part in (measured[-LAST_DAYS:], measured[:-LAST_DAYS])
+            float(span["difference"].sum() / span["count"].sum() / KNOT) if len(span) else None
+            for span in (measured[-LAST_DAYS:], measured[:-LAST_DAYS])
         ]
         state = State(who, first, seen, number in silent, in_use.get(who), now.get(who))
         present[who] = replace(state, disagreement_kt=means[0], past_disagreement_kt=means[1])
@@ -336,7 +336,7 @@ def wind_days(
     where screening left none, summed ``difference`` (m/s) and ``log_difference`` (natural).
     """
     tables = []
-    for part in parts_of(headings, {"": members}, ["screening"], corrected):
+    for part in chunks(headings, {"": members}, ["screening"], corrected):
         wind = np.where(is_corrected(part.applied), part.corrected, part.wind)
         difference = np.hypot(*(wind - part.model[""]))
         used = (part.column("screening") == 0) & np.isfinite(difference)
@@ -351,10 +351,10 @@ def wind_days(
     return pd.concat(tables, ignore_index=True)
 
 
-def changed_since(found: Monitoring) -> dict[str, str]:
+def changed_since(monitoring: Monitoring) -> dict[str, str]:
     """Aircraft whose compass changed, and the latest possible day of the last change."""
     since: dict[str, str] = {}
-    for event in found.events:
+    for event in monitoring.events:
         if event.kind == "compass_changed" and event.aircraft is not None:
             # a table from earlier reports could partly describe the old compass
             latest = str(event.evidence["date_ci"][1])
@@ -362,10 +362,10 @@ def changed_since(found: Monitoring) -> dict[str, str]:
     return since
 
 
-def with_tables(found: Monitoring, now: Mapping[str, UnitTable | None]) -> Monitoring:
+def with_tables(monitoring: Monitoring, now: Mapping[str, UnitTable | None]) -> Monitoring:
     """States with other tables that would be sent now, by aircraft (None: no table yet)."""
-    tables = ((state, now.get(state.aircraft, state.table_now)) for state in found.states)
-    return replace(found, states=[replace(state, table_now=table) for state, table in tables])
+    tables = ((state, now.get(state.aircraft, state.table_now)) for state in monitoring.states)
+    return replace(monitoring, states=[replace(state, table_now=table) for state, table in tables])
 
 
 def _step_event(step: Step, aircraft: NDArray[np.str_], kind: Kind) -> Event:
@@ -428,7 +428,7 @@ def first_days_and_silences(
     return begin, silences
 
 
-def _not_reported(found: list[Event], before: Monitoring) -> list[Event]:
+def _not_reported(events: list[Event], before: Monitoring) -> list[Event]:
     """Events not among the earlier ones, whose dates may differ slightly when reports arrive late.
 
     An event of a month ago and more that earlier runs could have noticed and did not is not
@@ -439,24 +439,24 @@ def _not_reported(found: list[Event], before: Monitoring) -> list[Event]:
         remaining.setdefault((event.kind, event.aircraft), []).append(event)
     news = []
     seen = {None, *(state.aircraft for state in before.states)}
-    for event in sorted(found, key=lambda event: event.date):
+    for event in sorted(events, key=lambda event: event.date):
         span = SAME if event.kind == "aircraft_silent" else LONGEST
-        alike = remaining.get((event.kind, event.aircraft), [])
-        gaps = [(abs(_day(one.date) - _day(event.date)), k) for k, one in enumerate(alike)]
+        earlier = remaining.get((event.kind, event.aircraft), [])
+        gaps = [(abs(_day(old.date) - _day(event.date)), k) for k, old in enumerate(earlier)]
         gap, k = min(gaps, default=(span + 1, -1))
         # an aircraft is new only once, even if its first day has changed
         if gap <= span or (gaps and event.kind == "aircraft_new"):
-            # an old event explains one new one: a second at the same date is new
-            del alike[k]
+            # an old event explains a single new event: a second at the same date is new
+            del earlier[k]
         elif event.aircraft not in seen or _day(event.noticed) > _day(before.until) - LONGEST:
             news.append(event)
     return news
 
 
-def tables_differ(one: UnitTable, other: UnitTable) -> tuple[bool, float]:
+def tables_differ(first: UnitTable, second: UnitTable) -> tuple[bool, float]:
     """Whether two tables differ beyond the error of both, and their rms difference, degrees."""
-    gap = np.subtract(one.correction_deg, other.correction_deg)
-    error = np.hypot(one.standard_error_deg, other.standard_error_deg)
+    gap = np.subtract(first.correction_deg, second.correction_deg)
+    error = np.hypot(first.standard_error_deg, second.standard_error_deg)
     beyond = (np.abs(gap) > LARGEST_OF_EIGHT * error) & (np.abs(gap) > RESOLUTION)
     return bool(beyond.any()), float(np.sqrt((gap**2).mean()))
 
@@ -493,21 +493,21 @@ def read_tables(path: Path | str, *, reference: str) -> dict[str, UnitTable]:
             keep_default_na=False,
             na_values={name: [""] for name in numbers},
         )
-        known = lines["reference"].drop_duplicates().tolist()
-        wanted = reference if reference in known else next(iter(known), reference)
+        references = lines["reference"].drop_duplicates().tolist()
+        wanted = reference if reference in references else next(iter(references), reference)
         lines = lines[(lines["reference"] == wanted) & lines["table_correction_deg"].notna()]
         lines["to_add"] = -lines["sign"].map(SIGNS.__getitem__) * lines["table_correction_deg"]
         lines["error"] = lines["standard_error_deg"].fillna(0.0)
         bad = ~(lines["to_add"].abs() <= 180.0) | ~lines["error"].between(0.0, 180.0)
         if bad.any():
-            one = lines[bad].iloc[0]
-            raise ValueError(f"{one.to_add} with error {one.error} at {one.aircraft}")
+            row = lines[bad].iloc[0]
+            raise ValueError(f"{row.to_add} with error {row.error} at {row.aircraft}")
         lines = lines.drop_duplicates(["aircraft", "heading_deg"], keep="last")
         lines = lines.sort_values("heading_deg", kind="stable")
     except (OSError, ValueError, KeyError, TypeError, UnicodeError) as err:
         field, remedy = "monitoring.tables_in_use", "Give the path of a tables.csv of a run"
-        what = "not a file of tables"
-        raise InputError(what, file=path, field=field, found=err, remedy=remedy) from err
+        message = "not a file of tables"
+        raise InputError(message, file=path, field=field, found=err, remedy=remedy) from err
     return {
         str(name): UnitTable(rows["to_add"].tolist(), rows["error"].tolist())
         for name, rows in lines.groupby("aircraft")

@@ -104,27 +104,27 @@ def watch_fleet(
     law, sigma = quantity.law, quantity.common
     single = StepTest(law, quantity.noise, number)
     shared = StepTest(replace(law, level=3.0 * sigma), Noise(1.0, sigma**2), 1)
-    found = Tested([], np.zeros(right.shape, np.float32), {}, np.ones(number))
+    result = Tested([], np.zeros(right.shape, np.float32), {}, np.ones(number))
     months = month_of(day)
     first = int(day.min(initial=0))
     for month in np.unique(months).tolist():
         begin, end = np.array([month, month + 1], "M8[M]").astype("M8[D]").astype(np.int64)
-        known = day < (begin if begin - first >= MONTH_BEFORE else end)
+        past = day < (begin if begin - first >= MONTH_BEFORE else end)
         # large fleets are thinned by aircraft
-        every = max(min(int(known.sum()) // ENOUGH_ROWS, number // FEWEST_AIRCRAFT), 1)
-        known &= aircraft % every == 0
-        sums = normal[known].astype(np.float64), right[known].astype(np.float64)
-        single.noise = estimated_noise(*sums, aircraft[known], day[known], usual=quantity.noise)
+        every = max(min(int(past.sum()) // ENOUGH_ROWS, number // FEWEST_AIRCRAFT), 1)
+        past &= aircraft % every == 0
+        sums = normal[past].astype(np.float64), right[past].astype(np.float64)
+        single.noise = estimated_noise(*sums, aircraft[past], day[past], usual=quantity.noise)
         shared.noise = replace(shared.noise, persistence=single.noise.persistence)
-        found.noise[month] = single.noise
-        chosen = np.flatnonzero(months == month)
-        order = chosen[np.argsort(day[chosen], kind="stable")]
+        result.noise[month] = single.noise
+        in_month = np.flatnonzero(months == month)
+        order = in_month[np.argsort(day[in_month], kind="stable")]
         nights, start = np.unique(day[order], return_index=True)
         for night, rows in zip(nights.tolist(), np.split(order, start[1:]), strict=True):
             sums = normal[rows].astype(np.float64), right[rows].astype(np.float64)
-            steps, found.common[rows] = _night(single, shared, sigma, night, aircraft[rows], *sums)
-            found.alarms.extend(replace(one, night=night, reporting=rows.size) for one in steps)
-    return replace(found, scale=single.scale(np.arange(number)))
+            steps, result.common[rows] = _night(single, shared, sigma, night, aircraft[rows], *sums)
+            result.alarms.extend(replace(step, night=night, reporting=rows.size) for step in steps)
+    return replace(result, scale=single.scale(np.arange(number)))
 
 
 def month_of(day: Ints) -> Ints:
@@ -157,7 +157,7 @@ def _night(
             for step in likely:
                 single.restart(step)
             strongest = max(likely, key=lambda step: step.statistic)
-            return [replace(one, number=-1) for one in [*reference, strongest]], without
+            return [replace(step, number=-1) for step in [*reference, strongest]], without
     for step in steps:
         single.restart(step)
     return [*(replace(step, number=-1) for step in reference), *steps], without
@@ -178,8 +178,8 @@ def common_part(
         return np.tile(level, (n, 1)), np.zeros((p, p)), np.zeros(p)
     precision = np.diag(sigma**-2.0)
     # a prior five times as wide, so that an aircraft's day is not shrunk to the level
-    each = np.linalg.solve(precision / 25.0 + weight, score[..., np.newaxis])[..., 0]
-    middle = np.median(each, axis=0)
+    singles = np.linalg.solve(precision / 25.0 + weight, score[..., np.newaxis])[..., 0]
+    middle = np.median(singles, axis=0)
     for _ in range(_ROUNDS):
         rest = score - weight @ middle
         inside = np.linalg.solve(precision / 25.0 + weight, rest[..., np.newaxis])[..., 0]
@@ -189,9 +189,9 @@ def common_part(
         total = (share[:, np.newaxis, np.newaxis] * weight).sum(0)
         right = (share[:, np.newaxis] * score).sum(0)
         middle = np.linalg.solve(precision + total, right + precision @ level)
-    others = precision + total - share[:, np.newaxis, np.newaxis] * weight
+    without = precision + total - share[:, np.newaxis, np.newaxis] * weight
     remaining = right + precision @ level - share[:, np.newaxis] * score
-    return np.linalg.solve(others, remaining[..., np.newaxis])[..., 0], total, right
+    return np.linalg.solve(without, remaining[..., np.newaxis])[..., 0], total, right
 
 
 def estimated_noise(
@@ -241,11 +241,11 @@ def _without_common(normal: Floats, rest: Floats, day: Ints, rows: Ints) -> Floa
     common = np.einsum("dij,dj->di", np.linalg.pinv(total, hermitian=True), right)
     few = number < 2 * FEWEST
     common[few] = 0.0
-    found = rest.copy()
-    found[rows] -= np.einsum("dij,dj->di", normal[rows], common[place])
+    residual = rest.copy()
+    residual[rows] -= np.einsum("dij,dj->di", normal[rows], common[place])
     share = np.where(few, 1.0, number / np.maximum(number - 1.0, 1.0))
-    found[rows] *= np.sqrt(share[place])[:, np.newaxis]
-    return found
+    residual[rows] *= np.sqrt(share[place])[:, np.newaxis]
+    return residual
 
 
 def _variances(terms: Floats, squares: Floats) -> Floats:
@@ -255,15 +255,15 @@ def _variances(terms: Floats, squares: Floats) -> Floats:
     terms, squares = terms[terms[:, 0] > 0], squares[terms[:, 0] > 0]
     # the median of a chi-square of one degree of freedom is 0.455
     middle = float(np.median(squares / terms[:, 0]) / 0.455)
-    found = np.eye(terms.shape[1])[0] * middle
+    variances = np.eye(terms.shape[1])[0] * middle
     for _ in range(8):
-        expected = np.maximum(terms @ found, 1e-30)
+        expected = np.maximum(terms @ variances, 1e-30)
         # three standard deviations: the most that a step or a gross error contributes
         limited = np.minimum(squares, 9.0 * expected)
-        found = nnls(terms / expected[:, np.newaxis], limited / expected)[0]
+        variances = nnls(terms / expected[:, np.newaxis], limited / expected)[0]
         # the scatter within days is never zero, which would make weights infinite
-        found[0] = max(found[0], 0.05 * middle)
-    return np.asarray(found, np.float64)
+        variances[0] = max(variances[0], 0.05 * middle)
+    return np.asarray(variances, np.float64)
 
 
 def _persistence(

@@ -69,10 +69,10 @@ class Noise:
     def weights(self, normal: Floats, right: Floats) -> tuple[Floats, Floats]:
         """Weight W of days and W x, from their sums (..., p, p) and (..., p)."""
         inside = self.within * np.eye(self.between.size) + normal * self.between
-        both = np.concatenate([normal, right[..., np.newaxis]], axis=-1)
-        found = np.linalg.solve(inside, both)
-        weight = found[..., :-1]
-        return 0.5 * (weight + np.swapaxes(weight, -1, -2)), found[..., -1]
+        columns = np.concatenate([normal, right[..., np.newaxis]], axis=-1)
+        solution = np.linalg.solve(inside, columns)
+        weight = solution[..., :-1]
+        return 0.5 * (weight + np.swapaxes(weight, -1, -2)), solution[..., -1]
 
     def inflation(self, days: float) -> float:
         """Variance of the mean of a period over that with independent days."""
@@ -155,13 +155,13 @@ class StepTest:
         if law.student_from is None:
             return self.likely(of, law.threshold)
         ratios = self._ratios(of, lags)
-        found = []
+        steps = []
         for j in np.flatnonzero(ratios.max(axis=0, initial=-np.inf) > law.student_from):
             tried = [lag for lag, ratio in zip(lags, ratios[:, j], strict=True) if ratio > 0.0]
             statistic = max(self._student_ratio(int(of[j]), lag) for lag in tried)
             if statistic > law.threshold:
-                found.append(replace(self._dated(int(of[j])), statistic=statistic))
-        return found
+                steps.append(replace(self._dated(int(of[j])), statistic=statistic))
+        return steps
 
     def likely(self, of: Ints, threshold: float) -> list[Step]:
         """Same as :meth:`steps`, with normal errors and another threshold."""
@@ -208,8 +208,8 @@ class StepTest:
         scale = np.broadcast_to(self.scale(of), before.shape)
         inflation = np.array([self.noise.inflation(lag) for lag in lags])
         weight, right = (self.sums[name][of] - before[name] for name in ("weight", side))
-        known, inflated = (before["weight"], before["limited"]), scale * inflation[:, np.newaxis]
-        return _relative(self.law, self.noise, known, (weight, right), scale, inflated)
+        past, inflated = (before["weight"], before["limited"]), scale * inflation[:, np.newaxis]
+        return _relative(self.law, self.noise, past, (weight, right), scale, inflated)
 
     def _dated(self, number: int) -> Step:
         lags, of = range(1, len(self._ring) + 1), np.array([number])
@@ -310,9 +310,9 @@ def _relative(
 def _marginal(weight: Floats, score: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     """Weight and score with the level's error included."""
     inside = np.eye(weight.shape[-1]) + weight @ covariance
-    both = np.concatenate([weight, score[..., np.newaxis]], axis=-1)
-    found = np.linalg.solve(inside, both)
-    return found[..., :-1], found[..., -1]
+    columns = np.concatenate([weight, score[..., np.newaxis]], axis=-1)
+    solution = np.linalg.solve(inside, columns)
+    return solution[..., :-1], solution[..., -1]
 
 
 def _mixture(weight: Floats, score: Floats, shapes: Floats) -> Floats:
@@ -322,8 +322,8 @@ def _mixture(weight: Floats, score: Floats, shapes: Floats) -> Floats:
         # components that do not step have no part in the ratio
         moving = np.flatnonzero(shape)
         width = shape[moving]
-        part = weight[..., moving[:, np.newaxis], moving]
-        inside = np.eye(width.size) + width[:, np.newaxis] * part * width
+        block = weight[..., moving[:, np.newaxis], moving]
+        inside = np.eye(width.size) + width[:, np.newaxis] * block * width
         scaled = score[..., moving] * width
         solved = np.linalg.solve(inside, scaled[..., np.newaxis])[..., 0]
         gain = np.einsum("...i,...i->...", scaled, solved)
@@ -364,8 +364,8 @@ def corroborated_ratio(weight: Floats, score: Floats, level: Floats, shapes: Flo
     ratio, farthest = _student_ratio(weight, score, level, shapes)
     if ratio <= SINGLE_DAY:
         return ratio
-    others = np.arange(score.shape[0]) != farthest
-    rest = _student_ratio(weight[others], score[others], level, shapes)[0] if others.any() else 0.0
+    near = np.arange(score.shape[0]) != farthest
+    rest = _student_ratio(weight[near], score[near], level, shapes)[0] if near.any() else 0.0
     return min(ratio, max(rest, 0.0) + SINGLE_DAY)
 
 
@@ -390,10 +390,10 @@ def _student_densities(weight: Floats, score: Floats, covariance: Floats) -> tup
     weight, score = unit[:, np.newaxis] * weight * unit, score * unit
     covariance = covariance / unit[:, np.newaxis] / unit
     value, vector = np.linalg.eigh(weight)
-    known = value > _SINGULAR * value[:, -1:]
+    regular = value > _SINGULAR * value[:, -1:]
     projected = np.einsum("nji,nj->ni", vector, score)
-    square = (np.where(known, projected, 0.0) ** 2 / np.where(known, value, 1.0)).sum(1)
-    dimensions = known.sum(1)
+    square = (np.where(regular, projected, 0.0) ** 2 / np.where(regular, value, 1.0)).sum(1)
+    dimensions = regular.sum(1)
     flat = weight.reshape(dimensions.size, -1)
     eye, best = np.eye(unit.size), np.full(covariance.shape[0], -np.inf)
     first = np.zeros(dimensions.size)
@@ -411,7 +411,7 @@ def _student_densities(weight: Floats, score: Floats, covariance: Floats) -> tup
         # x = V (right - total x): the prior's x' V^-1 x needs no inverse of V
         prior = ((right - np.einsum("mij,mj->mi", total, x)) * x).sum(1)
         density = -0.5 * ((FREEDOM + dimensions) * np.log1p(distance / FREEDOM)).sum(1)
-        found = density - 0.5 * prior - 0.5 * np.linalg.slogdet(inside)[1]
-        first = np.where(found[0] > best[0], distance[0], first)
-        best = np.maximum(best, found)
+        evidence = density - 0.5 * prior - 0.5 * np.linalg.slogdet(inside)[1]
+        first = np.where(evidence[0] > best[0], distance[0], first)
+        best = np.maximum(best, evidence)
     return best, first

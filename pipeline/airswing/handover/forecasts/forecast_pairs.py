@@ -21,7 +21,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.evaluation.innovations import LEVEL_EDGES_HPA, parts_of, profile_cells
+from airswing.evaluation.innovations import LEVEL_EDGES_HPA, chunks, profile_cells
 from airswing.handover.forecasts.correcting import TIME
 from airswing.handover.selection import APPLIED
 from airswing.physics.triangle import wrap_degrees
@@ -255,7 +255,7 @@ def flight_level_pairs(
     """
     parts = []
     needed = ["latitude", "longitude", "pressure", "phase", "screening"]
-    for part in parts_of(headings, {"": members}, needed, corrected):
+    for part in chunks(headings, {"": members}, needed, corrected):
         cell = profile_cells(part.block)
         columns: dict[Any, Any] = {
             "south": np.floor(part.column("latitude") / region),

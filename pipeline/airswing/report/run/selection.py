@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from airswing.compass.correction import error_from_table
 from airswing.errors import InputError
-from airswing.evaluation.innovations import member_mean, members_of, parts_of
+from airswing.evaluation.innovations import chunks, member_mean, members_of
 from airswing.evaluation.resampling import SUMS, cluster_sums, clustered_mean
 from airswing.flags import SCREENING, STATUS, is_corrected, published
 from airswing.physics.compass_deviation import deviation_basis
@@ -209,7 +209,7 @@ def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) ->
     """
     number, names = headings.sizes["aircraft"], ["screening", "flight"]
     sums = np.zeros((3, SUMS, number))
-    for part in parts_of(headings, {"": members_of(headings, reference)}, names, corrected):
+    for part in chunks(headings, {"": members_of(headings, reference)}, names, corrected):
         before, after = (
             np.hypot(*(wind - part.model[""])) / KNOT for wind in (part.wind, part.corrected)
         )
