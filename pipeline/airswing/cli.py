@@ -236,7 +236,7 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 def monitor(
     config: ConfigPath, output: Output = None, quiet: Quiet = False, json: Json = False
 ) -> None:
-    """List changes of the fleet since the last run: events.json.
+    """List changes of the fleet that no earlier run reported: events.json.
 
     Needs the headings and fits.nc. Each event is printed once; `airswing run` does the same.
     """

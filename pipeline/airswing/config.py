@@ -155,7 +155,7 @@ class Fit(_Section):
     """How the deviation is fitted."""
 
     harmonics: Literal["auto", 1, 2] = "auto"  # cycles; "auto": the second where the data show it
-    # argument of the curve: indicated magnetic heading, or (seed paper) true heading
+    # argument of the curve: indicated magnetic heading, or true heading (Jacobs et al. 2010)
     abscissa: Literal["magnetic", "true"] = "magnetic"
     # fit airspeed errors jointly, with airspeed scale and reference bias; else the heading error
     joint: bool = True
@@ -316,7 +316,7 @@ class Compute(_Section):
 
 
 class Config(_Section):
-    """Everything one run needs; see FORMATS in the documentation for the meaning of each key."""
+    """Everything one run needs; docs/formats.md has the meaning of each key."""
 
     reports: Reports
     references: dict[str, Reference] = Field(min_length=1)

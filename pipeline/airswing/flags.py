@@ -43,6 +43,10 @@ CORRECTION = {
     "offset_only": 5,
     "no_correction_needed": 6,
 }
+# Codes of ``correction_applied`` of winds without the error of the compass, as far as is known.
+FREE_OF_DEVIATION = tuple(
+    CORRECTION[name] for name in ("corrected", "already_corrected", "no_correction_needed")
+)
 # Ground vector of a report: from the chord between fixes (of the neighbours, of one side only, or
 # past the neighbours), or from the reported heading and airspeed.
 GROUND_VECTOR_SOURCE = {

@@ -187,18 +187,19 @@ BAD = {
 
 @pytest.mark.parametrize("to", FORMATS)
 def test_one_report_for_every_reason_to_leave_it_out(tmp_path, to):
-    ds = corrected({"N1": len(BAD) + 3}, time=np.datetime64("2008-07-15T12:30:00", "ns"))
+    ds = corrected({"N1": len(BAD) + 4}, time=np.datetime64("2008-07-15T12:30:00", "ns"))
     for number, change in enumerate(BAD.values()):
         for name, value in change.items():
             ds[name][number] = value
     ds["screening"][-1] = SCREENING["phase"]
     ds["screening"][-2] = SCREENING["field_test"]
     ds["correction_applied"][-2] = CORRECTION["already_corrected"]
+    ds["correction_applied"][-3] = CORRECTION["no_correction_needed"]
     period = Handover(start=datetime(2008, 7, 15, 12), end=datetime(2008, 7, 15, 13))
     result = export(ds, to=to, path=tmp_path / "f", settings=period)
-    assert result["reports"] == 3
+    assert result["reports"] == 4
     assert Counter(result["left_out"]) == Counter(BAD.keys())
-    assert len(understood(to, tmp_path / "f")) == 3
+    assert len(understood(to, tmp_path / "f")) == 4
 
 
 @pytest.mark.parametrize("to", FORMATS)

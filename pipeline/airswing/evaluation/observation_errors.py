@@ -55,7 +55,7 @@ from airswing.evaluation.innovations import (
     profile_cells,
 )
 from airswing.evaluation.resampling import day_weights, interval, ratio, widened
-from airswing.flags import CORRECTION, PHASE
+from airswing.flags import FREE_OF_DEVIATION, PHASE
 from airswing.units import MODEL_EARTH_RADIUS
 
 METHODS = ("separation", "three_cornered_hat")
@@ -81,7 +81,6 @@ USED = {
 _SPEED_BINS = 100  # of 1 m/s, for the median speed of a layer
 _LAYERS = len(LEVEL_EDGES_HPA) - 1
 _NAMES = ("latitude", "longitude", "pressure", "phase", "screening")
-_APPLIED = [CORRECTION[name] for name in ("corrected", "already_corrected", "no_correction_needed")]
 _KEY = ["aircraft", "day", "cell"]
 _SUMMED = ("number", "reported", "corrected", "change", "crossed")
 _PAIRED = ("latitude", "longitude", "pressure", "time", "aircraft", "cell", "day", "east", "north")
@@ -321,7 +320,7 @@ def disagreements(
         }
         good = (columns["cell"] >= 0) & ~np.isnat(time)
         good &= np.all(np.isfinite([before, after, *differences]), axis=(0, 1))
-        good &= np.isin(chunk.applied, _APPLIED)
+        good &= np.isin(chunk.applied, FREE_OF_DEVIATION)
         table = pd.DataFrame(columns | pairs)[good]
         sums.append(table.groupby(_KEY)[[*_SUMMED, *pairs]].sum())
         np.add.at(speeds, (table["cell"], table["speed"].astype(int)), 1.0)

@@ -158,9 +158,9 @@ def _assumptions(
             kappa < 2.0,
         ),
         AssumptionEntry(
-            "an effect that cannot exist closes nothing on held-out flights",
+            "an effect that cannot exist closes nothing on held-out days",
             "a placebo, the deviation evaluated at the headings of other flights",
-            f"closes {held_out:+.3f} kt [{low:+.3f}, {high:+.3f}] on held-out flights "
+            f"closes {held_out:+.3f} kt [{low:+.3f}, {high:+.3f}] on held-out days "
             f"({where_fitted:+.3f} where it was fitted)",
             placebo.closes_nothing,
         ),

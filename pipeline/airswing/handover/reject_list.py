@@ -24,8 +24,8 @@ import pandas as pd
 
 from airswing.errors import InputError
 from airswing.evaluation.innovations import chunks, innovations, members_of, profile_cells
+from airswing.flags import FREE_OF_DEVIATION
 from airswing.handover.selection import (
-    APPLIED,
     Request,
     product_of_run,
     refuse_existing,
@@ -230,7 +230,9 @@ def _judged(request: Request, criteria: dict[str, float]) -> list[dict[str, Any]
             usable = (profile_cells(part.block) >= 0) & np.isfinite(
                 part.wind[0] + part.model[""][0]
             )
-            good = usable & np.isin(part.applied, APPLIED) & np.isfinite(part.corrected[0])
+            good = (
+                usable & np.isin(part.applied, FREE_OF_DEVIATION) & np.isfinite(part.corrected[0])
+            )
             columns: dict[Any, Any] = {"aircraft": part.aircraft, "usable": usable, "good": good}
             for state, wind in (("reported", part.wind), ("corrected", part.corrected)):
                 found = innovations(*wind, *part.model[""])

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from airswing.config import Handover
 from airswing.errors import InputError
-from airswing.flags import CORRECTION, PHASE, PLATFORM, SCREENING
+from airswing.flags import CORRECTION, FREE_OF_DEVIATION, PHASE, PLATFORM, SCREENING
 from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.physics.great_circle import central_angle
 from airswing.physics.triangle import wrap_degrees
@@ -47,8 +47,6 @@ ROW = np.dtype(
 )
 """One wind: s since 1970, number of its report (equal for the levels of a sounding), index of the
 aircraft, flight phase; degrees, Pa, K, standard error of the correction (vector, m/s), m/s."""
-APPLIED = (CORRECTION["corrected"], CORRECTION["already_corrected"])
-"""Codes of ``correction_applied`` of winds that count as corrected."""
 _REQUIRED = ("time", "latitude", "longitude", "screening", "phase", "flight")
 _POLE = 89.999  # degrees; nearer to a pole a reader cannot rotate a wind direction
 # s since 1970; OBSPROC accepts years that begin with 19 or 20.
@@ -245,7 +243,7 @@ def _reasons(rows: Rows, block: xr.Dataset, request: Request) -> dict[str, Mask]
     if request.winds == "corrected":
         applied = block["correction_applied"].to_numpy()
         for name, code in CORRECTION.items():
-            if code not in APPLIED and name not in accepted:
+            if code not in FREE_OF_DEVIATION and name not in accepted:
                 found[f"not_corrected_{name}"] = applied == code
     screening = block["screening"].to_numpy()
     for name, bit in SCREENING.items():

@@ -15,7 +15,7 @@ cycles.
 
 References
 ----------
-Jacobs et al. 2010 (seed paper), eq. 3 and step d; NGA Handbook of Magnetic Compass Adjustment.
+Jacobs et al. 2010, eq. 3 and step d; NGA Handbook of Magnetic Compass Adjustment.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ Radians and m s-1; valid for deviations below about 45 degrees.
 
 References
 ----------
-Jacobs et al. 2010 (seed paper), eq. 3; Maronna, Martin & Yohai, Robust Statistics (2006), ch. 6
+Jacobs et al. 2010, eq. 3; Maronna, Martin & Yohai, Robust Statistics (2006), ch. 6
 (bivariate bisquare); Bell & McCaffrey 2002 (Survey Methodology 28); Pustejovsky & Tipton 2018 (J.
 Bus. Econ. Stat. 36); MacKinnon, Nielsen & Webb 2023 (J. Econometrics 232).
 """

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.evaluation.innovations import LEVEL_EDGES_HPA, chunks, profile_cells
+from airswing.flags import FREE_OF_DEVIATION
 from airswing.handover.forecasts.correcting import TIME
-from airswing.handover.selection import APPLIED
 from airswing.physics.triangle import wrap_degrees
 from airswing.reports.columns import parse_times
 
@@ -267,7 +267,7 @@ def flight_level_pairs(
             columns |= {("forecast", name): model, ("observation", name): wind}
         table = pd.DataFrame(columns)
         good = (cell >= 0) & table.notna().all(axis=1).to_numpy()
-        good &= np.isin(part.applied, APPLIED)
+        good &= np.isin(part.applied, FREE_OF_DEVIATION)
         parts.append(table[good].assign(reports=1).groupby(["south", "west", "layer", TIME]).sum())
     summed = pd.concat(parts).groupby(level=[0, 1, 2, 3]).sum()
     kept = summed[summed["reports"] >= fewest]

@@ -82,7 +82,7 @@ def _waterfall_figure(gap: GapReport) -> Figure:
         place = (min([level, previous, *ends]), row)
         html.annotate(axes, f"{level - previous:+.2f}", place, (-5, 0), ha="right", **look)
         previous = level
-    label = "mean vector disagreement on held-out flights (kt)"
+    label = "mean vector disagreement on held-out days (kt)"
     html.rows_axis(axes, [name for name, *_ in bars], label)
     axes.set_xlim(0, 1.14 * max(before, end))
     return figure.say(

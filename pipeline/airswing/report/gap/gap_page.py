@@ -65,11 +65,11 @@ def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path
     closure = gap.closure
     before, after = closure.before, closure.after
     interval, reduction = (html.range_text(ends) for ends in (closure.ci, closure.reduction_ci))
-    flights = f"on {'held-out' if closure.held_out else 'the same'} flights"
+    days = f"on {'held-out' if closure.held_out else 'the same'} days"
     facts = [(f"{before:.2f} kt", "disagreement of reports and simulation")]
     if gap.effects or gap.unknown.where:
         facts = [
-            (words.levels_text(before, after), f"with the effects found{interval}, {flights}"),
+            (words.levels_text(before, after), f"with the effects found{interval}, {days}"),
             (closure_text(closure).split(" (")[0], f"reduction{reduction}"),
         ]
     if math.isfinite(floor := gap.gap.noise_floor_kt):
@@ -89,7 +89,7 @@ def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path
             _statistics_section(gap, drawn),
         ],
         footer=f"airswing {__version__}. Disagreement is the mean length of the difference between "
-        "reported and simulated wind, on held-out flights. ± and ranges in brackets are 95 % "
+        "reported and simulated wind, on held-out days. ± and ranges in brackets are 95 % "
         "intervals. Map outline: Natural Earth and US Census Bureau, public domain.",
     )
     return write_text(directory / "index.html", text)
@@ -255,7 +255,7 @@ def _statistics_section(gap: GapReport, drawn: _Drawn) -> html.Section:
     ]
     caption = (
         "Assumptions with their tests on these reports. One that does not hold (grey italics) "
-        "makes intervals less certain; the effects stated rest on held-out flights."
+        "makes intervals less certain; the effects stated rest on held-out days."
     )
     long, doubt = ("assumption", "test", "result"), [not ok for ok in held]
     assumptions = html.table(checked, long=long, caption=caption, doubt=doubt)
@@ -291,7 +291,7 @@ def _statistics_section(gap: GapReport, drawn: _Drawn) -> html.Section:
     parts = [
         html.folded("Assumptions", assumptions),
         html.folded("Evidence for each effect", _evidence_table(gap)),
-        html.folded("Calibration on held-out flights", *calibration),
+        html.folded("Calibration on held-out days", *calibration),
         html.folded("Noise model", model),
     ]
     return html.Section("statistics", "Statistics", lead, parts)
