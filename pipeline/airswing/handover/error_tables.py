@@ -58,23 +58,23 @@ def write_obs_errors(request: Request) -> dict[str, Any]:
     codes = set(platforms(request).tolist())
     tamdar = PLATFORMS.index("TAMDAR")
     types = ["TAMDARS"] * (tamdar in codes) + ["AIREPS"] * bool(codes - {tamdar})
-    known = known_errors(request)
+    table = known_errors(request)
     targets = {"all": request.path}
     if request.folder:
-        measured = known["observation_error"].notnull().any("layer").to_numpy()
-        names = map(str, known["flight_phase"].to_numpy()[measured])
+        measured = table["observation_error"].notnull().any("layer").to_numpy()
+        names = map(str, table["flight_phase"].to_numpy()[measured])
         targets = {name: request.path / f"obserr_{name}.txt" for name in ("all", *names)}
         targets["all"] = request.path / FILE_NAME
     refuse_existing(request, *targets.values())
     written: list[dict[str, Any]] = []
     for phase, target in targets.items():
-        tables = wind_tables(known, phase)
+        tables = wind_tables(table, phase)
         write_text(target, changed_table(text, tables, types))
         levels = {str(level): round(value, 2) for level, value in tables["UV"].items()}
         written.append({"path": str(target), "flight_phase": phase, "errors": levels})
-    error = float(known["fleet_observation_error"])
-    number = known["observation_count"].sel(flight_phase="all")
-    square = known["disagreement_rms"].sel(flight_phase="all") ** 2
+    error = float(table["fleet_observation_error"])
+    number = table["observation_count"].sel(flight_phase="all")
+    square = table["disagreement_rms"].sel(flight_phase="all") ** 2
     spread = float(np.sqrt((square.fillna(0.0) * number).sum() / number.sum()))
     notes = [
         f"error of a component {error:.2f} m/s as {request.winds}; WRFDA's gross check rejects "
@@ -87,30 +87,30 @@ def write_obs_errors(request: Request) -> dict[str, Any]:
     return {"files": written, "types": types, "notes": notes}
 
 
-def wind_tables(known: xr.Dataset, phase: str) -> Tables:
+def wind_tables(table: xr.Dataset, phase: str) -> Tables:
     """Errors at the pressures (hPa) of a wind table, by section.
 
     ``UV`` and ``SPD`` (m/s) are the error of a component, ``DIR`` (degrees) its angle at the median
     wind speed of the layer.
     """
-    middle = 0.005 * (known["layer_bottom_pressure"] + known["layer_top_pressure"]).to_numpy()[::-1]
-    error = np.sqrt(bounded(base_variance(known, phase), 0.0))[::-1]
-    speed = known["median_wind_speed"].to_numpy()[::-1]
+    middle = 0.005 * (table["layer_bottom_pressure"] + table["layer_top_pressure"]).to_numpy()[::-1]
+    error = np.sqrt(bounded(base_variance(table, phase), 0.0))[::-1]
+    speed = table["median_wind_speed"].to_numpy()[::-1]
     there = np.isfinite(speed)
     # A layer without reports has the nearest layer's speed.
     speed = np.interp(middle, middle[there], speed[there]) if there.any() else np.zeros(speed.size)
     angle = np.minimum(np.degrees(np.arctan2(error, speed)), LARGEST_ANGLE)
-    values = {"UV": error, "SPD": error, "DIR": angle}
+    columns = {"UV": error, "SPD": error, "DIR": angle}
     return {
-        section: dict(zip(LEVELS, np.interp(LEVELS, middle, one).tolist(), strict=True))
-        for section, one in values.items()
+        section: dict(zip(LEVELS, np.interp(LEVELS, middle, column).tolist(), strict=True))
+        for section, column in columns.items()
     }
 
 
 def changed_table(text: str, tables: Tables, types: list[str]) -> str:
     """Text of an obserr.txt in which the errors of some types of report are replaced."""
     lines = text.splitlines(keepends=True)
-    section, done = "", set()
+    section, changed = "", set()
     for place, line in enumerate(lines):
         row = _ROW.match(line)
         if row is None:
@@ -133,8 +133,8 @@ def changed_table(text: str, tables: Tables, types: list[str]) -> str:
                     if level in tables[section]:
                         values[k] = f"{tables[section][level]:6.2f}"
                 lines[place + number] = "".join([*values, match[2], match[3]])
-            done.add((section, words[0]))
-    missing = [f"{one} {kind}" for one in tables for kind in types if (one, kind) not in done]
+            changed.add((section, words[0]))
+    missing = [f"{name} {kind}" for name in tables for kind in types if (name, kind) not in changed]
     if missing:
         raise InputError(
             "not a table of observation errors as OBSPROC reads it",
@@ -190,10 +190,10 @@ def write_jedi(request: Request) -> dict[str, Any]:
 
 def _error_rows(request: Request, written: dict[str, str]) -> list[str]:
     """Rows of station, pressure (Pa) and error variance, those of all other stations first."""
-    known = known_errors(request)
-    base = base_variance(known, "all")[::-1]
-    pressure = 0.5 * (known["layer_bottom_pressure"] + known["layer_top_pressure"]).to_numpy()[::-1]
-    errors = WindErrors(request, selected_rows(request).rows, known)
+    table = known_errors(request)
+    base = base_variance(table, "all")[::-1]
+    pressure = 0.5 * (table["layer_bottom_pressure"] + table["layer_top_pressure"]).to_numpy()[::-1]
+    errors = WindErrors(request, selected_rows(request).rows, table)
     excess = dict(zip(written, errors.aircraft_excess.tolist(), strict=True))
     stations = {EVERY_STATION: 0.0}
     for name in sorted(written):

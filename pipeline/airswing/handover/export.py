@@ -23,8 +23,7 @@ from airswing.quantities import quantity
 if TYPE_CHECKING:
     import xarray as xr
 
-Writer = Callable[[Request], dict[str, Any]]
-FORMATS: dict[str, Writer] = {
+FORMATS: dict[str, Callable[[Request], dict[str, Any]]] = {
     "jedi": write_jedi,
     "little_r": write_little_r,
     "ob_ascii": write_ob_ascii,
@@ -84,8 +83,8 @@ def export(
 
     Examples
     --------
-    >>> done = airswing.export(corrected, to="little_r", path=folder / "obs.little_r")
-    >>> done["format"], done["reports"] > 10_000
+    >>> result = airswing.export(corrected, to="little_r", path=folder / "obs.little_r")
+    >>> result["format"], result["reports"] > 10_000
     ('little_r', True)
     """
     import xarray as xr

@@ -67,15 +67,15 @@ def lines(template: str, columns: Columns, size: int) -> list[str]:
     """
     values: list[list[Any]] = []
     for name, form, _, decimals in _FIELD.findall(template):
-        found = np.asarray(columns[name])
+        column = np.asarray(columns[name])
         if form.endswith("f"):
-            found = np.round(found.astype(np.float64), int(decimals)) + 0.0
-            if not np.isfinite(found).all():
+            column = np.round(column.astype(np.float64), int(decimals)) + 0.0
+            if not np.isfinite(column).all():
                 raise ValueError("a number is not finite")
-        values.append(found.tolist())
-    plain = _FIELD.sub(r"%\2", template)
+        values.append(column.tolist())
+    layout = _FIELD.sub(r"%\2", template)
     width = len(_FIELD.sub(lambda field: " " * int(field[3]), template))
-    texts = [plain % row for row in zip(*values, strict=True)] if values else [plain] * size
+    texts = [layout % row for row in zip(*values, strict=True)] if values else [layout] * size
     if any(len(text) != width for text in texts):
         raise ValueError("a value does not fit into its columns")
     return texts
@@ -101,7 +101,7 @@ def encoded(
         "date": [re.sub(r"[-T:]", "", text) for text in texts],
         "date_text": [text.replace("T", "_") for text in texts],
         "identifier": identifier,
-        "name": [f"airswing {one:10d} {_PHASES[phase]:<20}" for one, phase in pairs],
+        "name": [f"airswing {serial:10d} {_PHASES[phase]:<20}" for serial, phase in pairs],
         "number": number,
         "levels": size,
     }
@@ -139,9 +139,9 @@ def write_records(request: Request, selected: Selected, form: Format) -> dict[st
     if request.window is not None:
         begin = 0 if request.settings.start is None else int(request.settings.start.timestamp())
         window = (places["time"] - begin) // int(request.window)
-        windows, found = np.unique(window, return_index=True)
-        starts = found.tolist()
-        moments = (np.datetime64(begin + int(one) * int(request.window), "s") for one in windows)
+        windows, opens = np.unique(window, return_index=True)
+        starts = opens.tolist()
+        moments = (np.datetime64(begin + int(k) * int(request.window), "s") for k in windows)
         # Names contain seconds only if these are not zero.
         names = (re.sub(r"\D", "", str(moment)).removesuffix("00") for moment in moments)
         targets = [request.path / name / form.file_name for name in names]

@@ -25,11 +25,7 @@ import pandas as pd
 from airswing.errors import InputError
 from airswing.evaluation.innovations import chunks, innovations, members_of, profile_cells
 from airswing.flags import FREE_OF_DEVIATION
-from airswing.handover.selection import (
-    Request,
-    product_of_run,
-    refuse_existing,
-)
+from airswing.handover.selection import Request, product_of_run, refuse_existing
 from airswing.products.ragged import time_span
 from airswing.products.whole_files import atomic
 
@@ -72,37 +68,37 @@ def write_reject_list(request: Request) -> dict[str, Any]:
     header, entries, criteria, filled = read_reject_list(request.settings.base)
     target = request.path / FILE_NAME if request.folder else request.path
     refuse_existing(request, target)
-    by_name = {_plain(aircraft["name"]): aircraft for aircraft in _judged(request, criteria)}
+    by_name = {_unpadded(aircraft["name"]): aircraft for aircraft in _judged(request, criteria)}
     lines = [header]
     removed: list[dict[str, Any]] = []
-    kept: list[dict[str, Any]] = []
+    stay: list[dict[str, Any]] = []
     for entry in entries:
         line = entry.line
         if "W" in entry.flags:
-            names = map(_plain, (entry.identifier, entry.second))
+            names = map(_unpadded, (entry.identifier, entry.second))
             aircraft = next((by_name[name] for name in names if name in by_name), None)
             passes, why = _verdict(entry, aircraft, criteria)
-            found = {"aircraft": entry.identifier, "why": why, **(aircraft or {})}
+            outcome = {"aircraft": entry.identifier, "why": why, **(aircraft or {})}
             if passes:
                 flags = entry.flags.replace("W", "")
-                removed.append({**found, "still_rejected": flags})
+                removed.append({**outcome, "still_rejected": flags})
                 line = line[:12] + b"-" + line[13:] if flags else b""
             else:
-                kept.append(found)
+                stay.append(outcome)
         lines.append(line)
     with atomic(target) as temporary:
         temporary.write_bytes(b"".join(lines))
-    known = [one for one in kept if "name" in one]
-    gained = sum(one["winds_a_day"] for one in removed)
-    notes = [f"removed: {one['aircraft']} ({one['why']})" for one in removed[:_SHOWN]]
-    notes += [f"remains: {one['aircraft']} ({one['why']})" for one in known[:_SHOWN]]
+    present = [entry for entry in stay if "name" in entry]
+    gained = sum(entry["winds_a_day"] for entry in removed)
+    notes = [f"removed: {entry['aircraft']} ({entry['why']})" for entry in removed[:_SHOWN]]
+    notes += [f"remains: {entry['aircraft']} ({entry['why']})" for entry in present[:_SHOWN]]
     notes.append(
-        f"{len(removed)} aircraft removed, {len(kept)} remain ({len(kept) - len(known)} of them "
+        f"{len(removed)} aircraft removed, {len(stay)} remain ({len(stay) - len(present)} of them "
         f"not in the archive): {gained:,.0f} winds a day gained"
     )
-    if len(kept) > LARGEST_LIST:
+    if len(stay) > LARGEST_LIST:
         notes.append(
-            f"{len(kept)} aircraft are listed for wind; GSI holds {LARGEST_LIST} and does not test"
+            f"{len(stay)} aircraft are listed for wind; GSI holds {LARGEST_LIST} and does not test"
         )
     if filled:
         notes.append(
@@ -113,7 +109,7 @@ def write_reject_list(request: Request) -> dict[str, Any]:
         "files": [{"path": str(target), "entries": sum(bool(entry.flags) for entry in entries)}],
         "criteria": criteria,
         "taken_off": removed,
-        "stay": kept,
+        "stay": stay,
         "winds_a_day_gained": round(gained, 1),
         "blank_identifiers_filled": filled,
         "notes": notes,
@@ -129,11 +125,11 @@ def _verdict(
     if judged["reports"] == 0:
         return False, "its winds could not be corrected"
     # Reasons of temperature or humidity are covered by the flags T and R, which remain.
-    others = "T" in entry.flags or "R" in entry.flags
+    flagged = "T" in entry.flags or "R" in entry.flags
     unanswered = [
         name
         for name in entry.reasons
-        if not (name in WIND_CRITERIA and name in criteria) and not (others and not _of_wind(name))
+        if not (name in WIND_CRITERIA and name in criteria) and (_of_wind(name) or not flagged)
     ]
     if unanswered:
         return False, f"listed for another reason: {' '.join(unanswered)}"
@@ -155,7 +151,7 @@ def _of_wind(reason: str) -> bool:
     return not reason.endswith(("_T", "_RH")) or "_W_" in reason
 
 
-def _plain(identifier: str) -> str:
+def _unpadded(identifier: str) -> str:
     return identifier.strip().lstrip("0") or identifier.strip()
 
 
@@ -226,25 +222,23 @@ def _judged(request: Request, criteria: dict[str, float]) -> list[dict[str, Any]
         reference = str(request.corrected.attrs.get("correction_reference", ""))
         pools, needed = {"": members_of(headings, reference)}, ["pressure", "phase", "screening"]
         first, last = time_span(headings)
-        for part in chunks(headings, pools, needed, request.corrected):
-            usable = (profile_cells(part.block) >= 0) & np.isfinite(
-                part.wind[0] + part.model[""][0]
-            )
-            good = (
-                usable & np.isin(part.applied, FREE_OF_DEVIATION) & np.isfinite(part.corrected[0])
-            )
-            columns: dict[Any, Any] = {"aircraft": part.aircraft, "usable": usable, "good": good}
-            for state, wind in (("reported", part.wind), ("corrected", part.corrected)):
-                found = innovations(*wind, *part.model[""])
-                columns[state, "S"], columns[state, "DIR"] = found["speed"], found["direction"]
-                columns[state, "W"] = np.hypot(found["eastward"], found["northward"])
+        for chunk in chunks(headings, pools, needed, request.corrected):
+            usable = np.isfinite(chunk.wind[0] + chunk.model[""][0])
+            usable &= profile_cells(chunk.block) >= 0
+            good = np.isin(chunk.applied, FREE_OF_DEVIATION) & np.isfinite(chunk.corrected[0])
+            good &= usable
+            columns: dict[Any, Any] = {"aircraft": chunk.aircraft, "usable": usable, "good": good}
+            for state, wind in (("reported", chunk.wind), ("corrected", chunk.corrected)):
+                omb = innovations(*wind, *chunk.model[""])  # observation minus background
+                columns[state, "S"], columns[state, "DIR"] = omb["speed"], omb["direction"]
+                columns[state, "W"] = np.hypot(omb["eastward"], omb["northward"])
             tables.append(pd.DataFrame(columns))
     days = max((last - first) / np.timedelta64(1, "D"), 1.0)
     table = pd.concat(tables)
     everyone = range(len(request.aircraft))
     counts = table.groupby("aircraft")[["usable", "good"]].sum().reindex(everyone, fill_value=0)
     grouped = table[table.pop("good")].drop(columns="usable").groupby("aircraft")
-    mean, spread = (one.reindex(everyone) for one in (grouped.mean(), grouped.std(ddof=0)))
+    mean, spread = (moments.reindex(everyone) for moments in (grouped.mean(), grouped.std(ddof=0)))
     statistics = {"bias": mean, "std": spread, "rms": (mean**2 + spread**2) ** 0.5}
     judged = []
     for place, name in enumerate(request.aircraft):
@@ -260,7 +254,7 @@ def _judged(request: Request, criteria: dict[str, float]) -> list[dict[str, Any]
             }
             aircraft[state] = {criterion: round(value, 2) for criterion, value in values.items()}
             aircraft[f"{state}_fails"] = [
-                one for one, value in values.items() if abs(value) > criteria[one]
+                criterion for criterion, value in values.items() if abs(value) > criteria[criterion]
             ]
         judged.append(aircraft)
     return judged

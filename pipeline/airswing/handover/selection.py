@@ -1,4 +1,4 @@
-"""What is exported: the arguments, the reports, and identifiers and platforms of the aircraft.
+"""Content of an export: the arguments, the reports, identifiers and platforms of the aircraft.
 
 A report is exported when every screening rule let it pass, except the rules the configuration
 accepts (by default ``phase`` and ``field_test``). Reports without a model wind are omitted, because
@@ -152,16 +152,16 @@ def selected_rows(
     """
     prefix = "corrected_" if request.winds == "corrected" else ""
     winds = f"{prefix}eastward_wind", f"{prefix}northward_wind"
-    there = set(map(str, request.corrected.variables))
+    present = set(map(str, request.corrected.variables))
     for name in (*winds, *_REQUIRED, *(("correction_applied",) if prefix else ())):
-        if name not in there:
+        if name not in present:
             raise InputError(
                 "the reports lack a variable that the export needs",
                 field=name,
                 remedy="Export the corrected product of a run, or the result of airswing.correct "
                 "for screened headings",
             )
-    if not {"pressure", "pressure_altitude"} & there:
+    if not {"pressure", "pressure_altitude"} & present:
         raise InputError("the reports have no level", field="pressure")
     size = request.corrected.sizes["report"]
     selected = Selected(np.empty(size, ROW), np.zeros(0, int), Counter(), Counter())
@@ -174,14 +174,14 @@ def selected_rows(
         reasons = _reasons(rows, block, request)
         # Rounded as written, since WRF compares the value in the file.
         reasons["above_80_hPa"] = np.round(rows["pressure"], 3) <= above
-        left = np.ones(rows.size, dtype=bool)
+        is_left = np.ones(rows.size, dtype=bool)
         for reason, bad in reasons.items():  # a report counts under the first reason that holds
-            selected.left_out[reason] += int(np.count_nonzero(left & bad))
-            left &= ~bad
-        rows = rows[left]
+            selected.left_out[reason] += int(np.count_nonzero(is_left & bad))
+            is_left &= ~bad
+        rows = rows[is_left]
         rows["report"] = np.arange(number_of_rows, number_of_rows + rows.size)
         if request.soundings and rows.size:
-            flight = block["flight"].to_numpy()[left]
+            flight = block["flight"].to_numpy()[is_left]
             _join_soundings(rows, flight, largest_step, least_depth, selected)
         selected.rows[number_of_rows : number_of_rows + rows.size] = rows
         number_of_rows += rows.size
@@ -221,18 +221,18 @@ def _reasons(rows: Rows, block: xr.Dataset, request: Request) -> dict[str, Mask]
     start, end = request.settings.start, request.settings.end
     accepted = request.settings.accept
     time, pressure = rows["time"], rows["pressure"]
-    found = {
+    reasons = {
         "no_time": time == _NO_TIME,
         "impossible_time": (time < _FIRST_TIME) | (time >= _END_TIME),
     }
     if start is not None:
-        found["before_the_period"] = time < start.timestamp()
+        reasons["before_the_period"] = time < start.timestamp()
     if end is not None:
-        found["after_the_period"] = time >= end.timestamp()
+        reasons["after_the_period"] = time >= end.timestamp()
     with np.errstate(invalid="ignore"):
         latitude, speed = np.abs(rows["latitude"]), np.hypot(rows["u"], rows["v"])
         low, high = LIMITS["pressure"]
-        found |= {
+        reasons |= {
             "no_position": ~(latitude <= 90.0) | np.isnan(rows["longitude"]),
             "at_a_pole": latitude > _POLE,
             "no_wind": np.isnan(speed),
@@ -244,12 +244,12 @@ def _reasons(rows: Rows, block: xr.Dataset, request: Request) -> dict[str, Mask]
         applied = block["correction_applied"].to_numpy()
         for name, code in CORRECTION.items():
             if code not in FREE_OF_DEVIATION and name not in accepted:
-                found[f"not_corrected_{name}"] = applied == code
+                reasons[f"not_corrected_{name}"] = applied == code
     screening = block["screening"].to_numpy()
     for name, bit in SCREENING.items():
         if name not in accepted:
-            found[f"screened_out_{name}"] = (screening & bit) > 0
-    return found
+            reasons[f"screened_out_{name}"] = (screening & bit) > 0
+    return reasons
 
 
 def _join_soundings(
@@ -286,12 +286,12 @@ def _join_soundings(
     selected.soundings["joined"] += int(np.count_nonzero((levels > 1) & ~shallow))
     members = members[np.lexsort((members, run))]  # in order of time within a sounding
     middle = np.repeat(members[begins + (levels - 1) // 2], levels)
-    moved = np.repeat(~shallow, levels)
-    members, middle = members[moved], middle[moved]
+    joined = np.repeat(~shallow, levels)
+    members, middle = members[joined], middle[joined]
     if members.size:
         places = (
-            np.radians(rows[name][part])
-            for part in (members, middle)
+            np.radians(rows[name][index])
+            for index in (members, middle)
             for name in ("latitude", "longitude")
         )
         moved_by = EARTH_RADIUS * float(central_angle(*places).max())
@@ -358,10 +358,10 @@ def platforms(request: Request) -> NDArray[np.int8]:
     if "platform" in request.corrected:
         reported = request.corrected["platform"].to_numpy().tolist()
     words = {code: name for name, code in PLATFORM.items()} | {PLATFORM["unknown"]: "TAMDAR"}
-    patterns = [(one, platform) for platform, ones in asked.aircraft.items() for one in ones]
-    found = []
+    patterns = [(glob, platform) for platform, globs in asked.aircraft.items() for glob in globs]
+    codes = []
     for name, code in zip(names, reported, strict=True):
         default = words[code] if asked.platform == "auto" else str(asked.platform)
-        matched = (platform for one, platform in patterns if fnmatch.fnmatchcase(name, one))
-        found.append(PLATFORMS.index(next(matched, default)))
-    return np.array(found, dtype=np.int8)
+        matched = (platform for glob, platform in patterns if fnmatch.fnmatchcase(name, glob))
+        codes.append(PLATFORMS.index(next(matched, default)))
+    return np.array(codes, dtype=np.int8)

@@ -37,31 +37,31 @@ def known_errors(request: Request, *, required: bool = True) -> xr.Dataset:
     """
     why = "it holds the errors to write"
     with product_of_run(request, "observation_errors", why=why) as product:
-        known = product.load()
+        errors = product.load()
     for name in (BASE, BY_AIRCRAFT, "layer_bottom_pressure", "layer_top_pressure"):
-        if name not in known.variables:
+        if name not in errors.variables:
             raise InputError(
                 "does not hold the errors of reports by phase and layer",
                 file=(request.products or request.path) / ERRORS,
                 field=name,
                 remedy="Make it again, or move it away to use WRFDA's table",
             )
-    chosen = known.sel(state=request.winds).sortby("layer_bottom_pressure", ascending=False)
-    if required and not np.isfinite(chosen[BASE]).any():
+    selected = errors.sel(state=request.winds).sortby("layer_bottom_pressure", ascending=False)
+    if required and not np.isfinite(selected[BASE]).any():
         raise InputError(
             "no error of the reports is known",
             field="observation_error",
-            found=known.attrs.get("method_reason"),
+            found=errors.attrs.get("method_reason"),
             remedy="Two references or neighbouring aircraft are needed on several days",
         )
-    return chosen
+    return selected
 
 
-def base_variance(known: xr.Dataset, phase: str) -> Array:
+def base_variance(errors: xr.Dataset, phase: str) -> Array:
     """Base variance (layer,) of a phase, (m/s)2, layers from the ground upwards."""
-    names = [str(name) for name in known["flight_phase"].to_numpy()]
-    errors = known[BASE].sel(flight_phase=phase if phase in names else "all").to_numpy()
-    return np.square(errors.astype(np.float64))
+    names = [str(name) for name in errors["flight_phase"].to_numpy()]
+    base = errors[BASE].sel(flight_phase=phase if phase in names else "all").to_numpy()
+    return np.square(base.astype(np.float64))
 
 
 def table_error(pressure: Array, platform: NDArray[np.int8]) -> Array:
@@ -76,17 +76,17 @@ def table_error(pressure: Array, platform: NDArray[np.int8]) -> Array:
 class WindErrors:
     """Error of every report of an archive, from all rows exported and :func:`known_errors`."""
 
-    def __init__(self, request: Request, rows: Rows, known: xr.Dataset | None) -> None:
+    def __init__(self, request: Request, rows: Rows, errors: xr.Dataset | None) -> None:
         names = request.aircraft
         self._corrected = request.winds == "corrected"
         self._platform = platforms(request)
         self._base: Array = np.full((len(PHASE), 1), np.nan)
         self._tops: Array = np.array([-np.inf])
         self._aircraft: Array = np.full(len(names), np.nan)  # variance of each
-        if known is not None:
-            self._base = np.stack([base_variance(known, phase) for phase in PHASE])
-            self._tops = known["layer_top_pressure"].to_numpy().astype(np.float64)
-            by_name = known[BY_AIRCRAFT].to_series().reindex(names)
+        if errors is not None:
+            self._base = np.stack([base_variance(errors, phase) for phase in PHASE])
+            self._tops = errors["layer_top_pressure"].to_numpy().astype(np.float64)
+            by_name = errors[BY_AIRCRAFT].to_series().reindex(names)
             self._aircraft = np.square(by_name.to_numpy(dtype=np.float64))
         self.source = "WRFDA's table" if np.isnan(self._base).all() else ERRORS
         cell = self._cell(rows)

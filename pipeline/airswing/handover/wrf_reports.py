@@ -181,10 +181,10 @@ LEAST_ERROR, LARGEST_ERROR = 0.01, 999.99
 
 def write_ob_ascii(request: Request) -> dict[str, Any]:
     """Write reports for WRFDA."""
-    selected, known = selected_rows(request), None
+    selected, table = selected_rows(request), None
     if request.products is not None and (request.products / ERRORS).exists():
-        known = known_errors(request, required=False)
-    errors = WindErrors(request, selected.rows, known)
+        table = known_errors(request, required=False)
+    errors = WindErrors(request, selected.rows, table)
 
     def columns(rows: Rows, platform: NDArray[np.int8]) -> Columns:
         # A smaller direction would be written as 0.000.
@@ -219,7 +219,7 @@ def write_ob_ascii(request: Request) -> dict[str, Any]:
     )
     result = write_records(request, selected, form)
     result["errors_from"] = errors.source
-    unknown = known is not None and errors.source != ERRORS
+    unknown = table is not None and errors.source != ERRORS
     result["notes"] += [
         f"errors of the winds from {errors.source}"
         + ", with the uncertainty of each correction" * (request.winds == "corrected")

@@ -108,8 +108,8 @@ def correct_forecasts(
     ...         "lead": [12.0],
     ...     },
     ... )
-    >>> found = airswing.correct_forecasts(pairs).isel(forecast_reference_time=slice(30, None))
-    >>> bool(abs((found["corrected_forecast"] - found["observation"]).mean()) < 0.5)
+    >>> late = airswing.correct_forecasts(pairs).isel(forecast_reference_time=slice(30, None))
+    >>> bool(abs((late["corrected_forecast"] - late["observation"]).mean()) < 0.5)
     True
     """
     pairs = pairs.sortby(TIME).transpose(*DIMS)
@@ -118,9 +118,9 @@ def correct_forecasts(
     day = pairs[TIME].to_numpy().astype("datetime64[D]")
     days = np.unique(day)
     held_out = np.asarray(day >= days[min(round(training * days.size), days.size - 1)])
-    chosen, by_data = _ratios(errors, held_out, ratio)
+    ratios, by_data = _ratios(errors, held_out, ratio)
     biases = {
-        "kalman": _known_bias(errors, kalman_bias, chosen).where(chosen > 0.0, 0.0),
+        "kalman": _known_bias(errors, kalman_bias, ratios).where(ratios > 0.0, 0.0),
         "running_mean": _known_bias(errors, running_mean, window),
     }
     bound = xr.DataArray(
@@ -133,7 +133,7 @@ def correct_forecasts(
     hours = (pairs["lead"] * 3.6e12).round().astype("timedelta64[ns]")
     return pairs.assign(
         held_out=(TIME, held_out.astype(np.int8)),
-        ratio=chosen,
+        ratio=ratios,
         ratio_chosen=("variable", by_data.astype(np.int8)),
     ).assign_coords(valid_time=(pairs[TIME] + hours).astype("datetime64[ns]"))
 
@@ -144,17 +144,17 @@ def _ratios(
     ones = xr.DataArray(np.ones(errors.sizes["variable"]), dims="variable")
     if ratio != "auto":
         return ones * float(ratio), np.zeros(ones.size, dtype=bool)
-    part = errors.isel({TIME: ~held_out})
-    days = np.unique(part[TIME].to_numpy().astype("datetime64[D]"))
+    errors = errors.isel({TIME: ~held_out})
+    days = np.unique(errors[TIME].to_numpy().astype("datetime64[D]"))
     if days.size < FEWEST_TRAINING_DAYS:
         return ones * USUAL_RATIO, np.zeros(ones.size, dtype=bool)
-    rest = [name for name in part.dims if name != "variable"]
+    rest = [name for name in errors.dims if name != "variable"]
     # The raw forecast comes first, because argmin selects the first of equal errors.
-    squares = [part**2] + [(part - _known_bias(part, kalman_bias, one)) ** 2 for one in RATIOS]
+    squares = [errors**2] + [(errors - _known_bias(errors, kalman_bias, r)) ** 2 for r in RATIOS]
     table = np.array([square.mean(rest).to_numpy() for square in squares])
-    known = np.isfinite(table).all(axis=0)
-    best = np.array((0.0, *RATIOS))[np.where(known[None], table, 0.0).argmin(axis=0)]
-    return ones * np.where(known, best, USUAL_RATIO), known
+    usable = np.isfinite(table).all(axis=0)
+    best = np.array((0.0, *RATIOS))[np.where(usable[None], table, 0.0).argmin(axis=0)]
+    return ones * np.where(usable, best, USUAL_RATIO), usable
 
 
 def _known_bias(
@@ -171,28 +171,28 @@ def _known_bias(
     parts: list[xr.DataArray] = []
     day = starts.astype("datetime64[D]")
     hour = (starts - day).astype(np.int64)
-    for one in np.unique(hour):
-        chosen = np.flatnonzero(hour == one)
-        place = (day[chosen] - day[chosen[0]]).astype(np.int64)
+    for start_hour in np.unique(hour):
+        rows = np.flatnonzero(hour == start_hour)
+        place = (day[rows] - day[rows[0]]).astype(np.int64)
         # Errors on every day from the first to the last, NaN on those without a start.
         source = np.full(int(place[-1]) + 1, -1)
-        source[place] = chosen
-        there = xr.DataArray(source >= 0, dims=TIME)
-        whole = errors.isel({TIME: source}).drop_vars(TIME).where(there)
+        source[place] = rows
+        has_start = xr.DataArray(source >= 0, dims=TIME)
+        daily = errors.isel({TIME: source}).drop_vars(TIME).where(has_start)
         bias = xr.apply_ufunc(
             kernel,
-            whole,
+            daily,
             setting,
             input_core_dims=[[TIME], []],
             output_core_dims=[[TIME]],
             dask="parallelized",
             output_dtypes=[np.float64],
         )
-        known = bias
+        bias_at_start = bias
         for days in np.unique(ahead):
-            known = known.where(ahead != days, bias.shift({TIME: int(days)}))
-        known = known.fillna(0.0).isel({TIME: place})
-        parts.append(known.assign_coords({TIME: starts[chosen]}))
+            bias_at_start = bias_at_start.where(ahead != days, bias.shift({TIME: int(days)}))
+        bias_at_start = bias_at_start.fillna(0.0).isel({TIME: place})
+        parts.append(bias_at_start.assign_coords({TIME: starts[rows]}))
     return parts[0] if len(parts) == 1 else xr.concat(parts, TIME).sortby(TIME)
 
 
@@ -206,19 +206,19 @@ def score_forecasts(corrected: xr.Dataset) -> xr.Dataset:
     judged = corrected["held_out"].to_numpy().astype(bool)
     by_lead = _moments(corrected, "station").load()
     parts = []
-    for part in (by_lead.isel({TIME: judged}), by_lead):
-        number = part.isel(correction=0).sel(moment="number").sum((TIME, "lead")).astype(np.int64)
-        scores = _with_intervals(part.sum("lead"), "") | _with_intervals(part, "_by_lead")
+    for sums in (by_lead.isel({TIME: judged}), by_lead):
+        number = sums.isel(correction=0).sel(moment="number").sum((TIME, "lead")).astype(np.int64)
+        scores = _with_intervals(sums.sum("lead"), "") | _with_intervals(sums, "_by_lead")
         parts.append(xr.Dataset(scores | {"pair_count": number}).drop_vars("moment"))
     held_out, stations = corrected.isel({TIME: judged}), []
     for first in range(0, held_out.sizes["station"], _STATIONS_AT_ONCE):
-        chosen = held_out.isel(station=slice(first, first + _STATIONS_AT_ONCE))
-        scores = _with_intervals(_moments(chosen, "lead").load(), "_by_station")
+        subset = held_out.isel(station=slice(first, first + _STATIONS_AT_ONCE))
+        scores = _with_intervals(_moments(subset, "lead").load(), "_by_station")
         stations.append(xr.Dataset(scores))
-    found = xr.concat(parts, "period").merge(xr.concat(stations, "station"))
-    found = found.assign_coords(period=list(PERIODS), bound=["low", "high"])
+    result = xr.concat(parts, "period").merge(xr.concat(stations, "station"))
+    result = result.assign_coords(period=list(PERIODS), bound=["low", "high"])
     order = ("variable", "period", "correction", "lead", "station", "bound")
-    return found.transpose(*(name for name in order if name in found.dims))
+    return result.transpose(*(name for name in order if name in result.dims))
 
 
 def _moments(corrected: xr.Dataset, over: str) -> xr.DataArray:
@@ -226,9 +226,9 @@ def _moments(corrected: xr.Dataset, over: str) -> xr.DataArray:
     parts = []
     for name in FORECASTS.values():
         error = corrected[name] - corrected["observation"]
-        known = error.notnull()
-        error = error.where(known, 0.0)
-        moments = [part.sum(over) for part in (known.astype(float), error, error**2)]
+        is_pair = error.notnull()
+        error = error.where(is_pair, 0.0)
+        moments = [term.sum(over) for term in (is_pair.astype(float), error, error**2)]
         parts.append(xr.concat(moments, "moment", coords="minimal", compat="override"))
     joined: xr.DataArray = xr.concat(parts, "correction", coords="minimal", compat="override")
     return joined.drop_vars("valid_time", errors="ignore").assign_coords(
@@ -242,10 +242,10 @@ def _with_intervals(moments: xr.DataArray, suffix: str) -> dict[str, xr.DataArra
     by_day = moments.groupby(day).sum().transpose("day", ...)
     days = by_day.sizes["day"]
     scores = _scores(by_day.sum("day"))
-    found = {f"{name}{suffix}": one for name, one in scores.items()}
+    result = {f"{name}{suffix}": score for name, score in scores.items()}
     if days < FEWEST_DAYS:
-        nothing = xr.DataArray([np.nan, np.nan], dims="bound")
-        return found | {f"{name}{suffix}_interval": one + nothing for name, one in scores.items()}
+        nan = xr.DataArray([np.nan, np.nan], dims="bound")
+        return result | {f"{name}{suffix}_interval": score + nan for name, score in scores.items()}
     weights = xr.DataArray(day_weights(days, draws=_DRAWS, seed=0), dims=("draw", "day"))
     bounds: dict[str, list[xr.DataArray]] = {name: [] for name in SCORES}
     # One variable at a time, so that the draws fit into memory.
@@ -254,7 +254,7 @@ def _with_intervals(moments: xr.DataArray, suffix: str) -> dict[str, xr.DataArra
         for name, values in drawn.items():
             ends = values.quantile([0.025, 0.975], "draw", skipna=False)
             bounds[name].append(ends.rename(quantile="bound").drop_vars("bound"))
-    return found | {
+    return result | {
         f"{name}{suffix}_interval": xr.concat(parts, "variable").transpose(..., "bound")
         for name, parts in bounds.items()
     }
@@ -280,16 +280,16 @@ def station_distribution(scored: xr.Dataset, variable: str, method: str) -> dict
     100 %); shares of stations ``better``, ``surely_better`` and ``surely_worse`` (95 % interval of
     the skill on one side of zero); ``worst_station``. Empty without a station.
     """
-    chosen = scored.sel(variable=variable, correction=method)
-    skill = chosen["skill_by_station"].to_numpy()
-    known = np.isfinite(skill)
-    if not known.any():
+    selected = scored.sel(variable=variable, correction=method)
+    skill = selected["skill_by_station"].to_numpy()
+    finite = np.isfinite(skill)
+    if not finite.any():
         return {}
-    ratio = np.sqrt(np.maximum(1.0 - skill[known], 0.0))
-    low, high = chosen["skill_by_station_interval"].to_numpy()[known].T
-    names = chosen["station"].to_numpy()[known]
+    ratio = np.sqrt(np.maximum(1.0 - skill[finite], 0.0))
+    low, high = selected["skill_by_station_interval"].to_numpy()[finite].T
+    names = selected["station"].to_numpy()[finite]
     return {
-        "stations": int(known.sum()),
+        "stations": int(finite.sum()),
         "rms_ratio_quantiles": np.quantile(ratio, [0.0, 0.1, 0.5, 0.9, 1.0]).tolist(),
         "better": float((ratio < 1.0).mean()),
         "surely_better": float((low > 0.0).mean()),
@@ -309,12 +309,12 @@ def kalman_bias(errors: Floats, ratio: Floats | float) -> Floats:
     """
     series = errors.reshape(-1, errors.shape[-1])
     ratios = np.broadcast_to(np.asarray(ratio, dtype=np.float64), errors.shape[:-1]).ravel()
-    found = np.empty(series.shape)
+    biases = np.empty(series.shape)
     for first in range(0, series.shape[0], _SERIES_AT_ONCE):
-        part = slice(first, first + _SERIES_AT_ONCE)
+        block = slice(first, first + _SERIES_AT_ONCE)
         # One row a day, contiguous in memory.
-        found[part] = _filtered(np.ascontiguousarray(series[part].T), ratios[part]).T
-    return found.reshape(errors.shape)
+        biases[block] = _filtered(np.ascontiguousarray(series[block].T), ratios[block]).T
+    return biases.reshape(errors.shape)
 
 
 def _filtered(errors: Floats, ratio: Floats) -> Floats:
@@ -327,8 +327,8 @@ def _filtered(errors: Floats, ratio: Floats) -> Floats:
     first = (FIRST_VARIANCE + ratio) / (FIRST_VARIANCE + ratio + 1.0)
     for day, error in enumerate(errors):
         waited += 1.0
-        known = np.isfinite(error)
-        again = known & np.isfinite(last)
+        has_error = np.isfinite(error)
+        again = has_error & np.isfinite(last)
         second = again & np.isnan(noise)
         later = again & ~second
         sample = (error - last) ** 2 / (2.0 + waited * ratio)
@@ -341,18 +341,18 @@ def _filtered(errors: Floats, ratio: Floats) -> Floats:
         total = spread + noise
         # 1 where all errors so far are equal.
         gain = np.divide(spread, total, out=np.ones(size), where=total != 0.0)
-        bias = np.where(known, bias + np.where(again, gain, first) * (error - bias), bias)
+        bias = np.where(has_error, bias + np.where(again, gain, first) * (error - bias), bias)
         spread = np.where(again, spread * (1.0 - gain), spread)
-        last, waited = np.where(known, error, last), np.where(known, 0.0, waited)
+        last, waited = np.where(has_error, error, last), np.where(has_error, 0.0, waited)
         filtered[day] = bias
     return filtered
 
 
 def running_mean(errors: Floats, days: int) -> Floats:
     """Mean of the errors (..., day) on the last days, including the day; NaN without any."""
-    known = np.isfinite(errors)
-    total = np.cumsum(np.where(known, errors, 0.0), axis=-1)
-    number = np.cumsum(known, axis=-1)
+    has_error = np.isfinite(errors)
+    total = np.cumsum(np.where(has_error, errors, 0.0), axis=-1)
+    number = np.cumsum(has_error, axis=-1)
     for sums in (total, number):
         sums[..., days:] -= sums[..., :-days].copy()  # the views overlap
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -62,31 +62,31 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as err:
-        found = getattr(err, "strerror", None) or "bytes that are not text"
-        raise InputError("cannot be read as a table of text", file=path, found=found) from err
+        cause = getattr(err, "strerror", None) or "bytes that are not text"
+        raise InputError("cannot be read as a table of text", file=path, found=cause) from err
     lines = [line.strip() for line in text.splitlines()]
     comments = {m[1].lower(): m[2] for line in lines if (m := _COMMENT.match(line))}
     body = [line for line in lines if line and not line.startswith("#")]
     if len(body) < 2:
         raise InputError("a table without lines", file=path, found=f"{len(body)} lines of text")
     mark = next((mark for mark in (",", ";", "\t") if mark in body[0]), None)
-    split = [[part.strip().strip('"') for part in line.split(mark)] for line in body]
+    split = [[cell.strip().strip('"') for cell in line.split(mark)] for line in body]
     names, rows = [name.lower() for name in split[0]], split[1:]
-    whole = [row for row in rows if len(row) == len(names)]
+    complete = [row for row in rows if len(row) == len(names)]
     # A few invalid lines are skipped; if most are invalid, the file is not a table.
-    if 2 * len(whole) < len(rows) or len(names) < 2:
+    if 2 * len(complete) < len(rows) or len(names) < 2:
         raise InputError(
             "not a table: most lines have another number of columns than the first",
             file=path,
             found=f"{len(names)} names, a line of {len(rows[0])} values",
         )
-    mapped = {name.strip().strip('"').lower(): known for name, known in columns.items()}
+    mapped = {name.strip().strip('"').lower(): canonical for name, canonical in columns.items()}
     for name in mapped:
         if name not in names:
             raise InputError(
                 "no such column", file=path, field=name, found="columns " + ", ".join(names)
             )
-    table = pd.DataFrame(whole, columns=names, dtype=object).rename(columns=mapped)
+    table = pd.DataFrame(complete, columns=names, dtype=object).rename(columns=mapped)
     again = table.columns[table.columns.duplicated()]
     if len(again):
         raise InputError(
@@ -95,7 +95,7 @@ def read_table(path: Path, columns: Mapping[str, str]) -> tuple[pd.DataFrame, di
             field=str(again[0]),
             remedy="Leave one of them out, or name them under columns",
         )
-    table.attrs["lines_skipped"] = len(rows) - len(whole)
+    table.attrs["lines_skipped"] = len(rows) - len(complete)
     return table, comments
 
 
@@ -105,15 +105,15 @@ def _optional_column(table: pd.DataFrame, names: Sequence[str]) -> pd.Series | N
 
 def column(table: pd.DataFrame, names: Sequence[str], *, file: Path) -> pd.Series:
     """First existing column of several names; InputError, naming ``file``, if there is none."""
-    found = _optional_column(table, names)
-    if found is None:
+    values = _optional_column(table, names)
+    if values is None:
         raise InputError(
             f"no column {' or '.join(names)}",
             file=file,
             found="columns " + ", ".join(map(str, table.columns)),
             remedy="Name it under columns, as `name in the table: known name`",
         )
-    return found
+    return values
 
 
 def numbers(values: pd.Series | None, index: pd.Index) -> Floats:
@@ -129,14 +129,14 @@ def times(values: pd.Series) -> Times:
     text = values.astype(str).str.strip().str.removesuffix(".0")
     # A date of eight digits gets an hour, or it would be seconds since 1970.
     text = text.str.replace(r"^((?:19|20)\d{6})$", r"\g<1>00", regex=True)
-    found = parse_times(text)[0]
-    return np.where((found >= _FIRST) & (found <= _LAST), found, np.datetime64("NaT", "ns"))
+    parsed = parse_times(text)[0]
+    return np.where((parsed >= _FIRST) & (parsed <= _LAST), parsed, np.datetime64("NaT", "ns"))
 
 
 def places(table: pd.DataFrame) -> dict[str, Floats]:
     """Latitude, longitude and altitude of each line, NaN where there is no such column."""
     return {
-        name: numbers(_optional_column(table, known), table.index) for name, known in PLACES.items()
+        name: numbers(_optional_column(table, names), table.index) for name, names in PLACES.items()
     }
 
 
@@ -155,7 +155,7 @@ def pairs_from_tables(
     InputError if a file is not such a table, or nothing in them can be used.
     """
     left_out: Counter[str] = Counter()
-    parts = [_part(Path(file), columns or {}, variable, units, left_out) for file in files]
+    parts = [_read_lines(Path(file), columns or {}, variable, units, left_out) for file in files]
     table = pd.concat(parts, ignore_index=True)
     again = table.duplicated(_KEYS, keep="last")
     left_out["another line of the same station, start and lead"] += int(again.sum())
@@ -167,12 +167,12 @@ def pairs_from_tables(
             file=files[0],
             found=why or "no line with both",
         )
-    found = on_axes(table)
-    found.attrs["lines_left_out"] = {reason: n for reason, n in left_out.items() if n}
-    return found
+    pairs = on_axes(table)
+    pairs.attrs["lines_left_out"] = {reason: n for reason, n in left_out.items() if n}
+    return pairs
 
 
-def _part(
+def _read_lines(
     file: Path,
     columns: Mapping[str, str],
     variable: str | None,
@@ -225,24 +225,24 @@ def _starts_and_leads(raw: pd.DataFrame, file: Path) -> tuple[Times, Floats]:
 
 def _cf_units(text: str) -> str:
     """CF units from the plot labels of Verif (``$^oC$``)."""
-    plain = text.replace("$", "").replace("^o", "deg").replace("{", "").replace("}", "").strip()
-    return {"C": "degC", "celsius": "degC", "m/s": "m s-1"}.get(plain, plain)
+    label = text.replace("$", "").replace("^o", "deg").replace("{", "").replace("}", "").strip()
+    return {"C": "degC", "celsius": "degC", "m/s": "m s-1"}.get(label, label)
 
 
 def on_axes(table: pd.DataFrame) -> xr.Dataset:
     """Put a table of `DIMS`, units, forecast, observation and places on the axes of `DIMS`."""
-    found = table.set_index(_KEYS)[[*_VALUES]].astype(np.float64).to_xarray()
-    found = found.assign_coords(
-        {name: found[name].astype(str) for name in ("variable", "station")}
-        | {TIME: found[TIME].astype("M8[ns]")}
+    ds = table.set_index(_KEYS)[[*_VALUES]].astype(np.float64).to_xarray()
+    ds = ds.assign_coords(
+        {name: ds[name].astype(str) for name in ("variable", "station")}
+        | {TIME: ds[TIME].astype("M8[ns]")}
     )
     first = table.groupby("variable", sort=True)["units"].first().fillna("").astype(str)
-    found["variable_units"] = ("variable", np.array(first.to_list()))
+    ds["variable_units"] = ("variable", np.array(first.to_list()))
     places = table.groupby("station", sort=True)[list(PLACES)].first()
     for name in PLACES:
         if places[name].notna().any():
-            found[name] = ("station", places[name].to_numpy(dtype=np.float64))
-    return found
+            ds[name] = ("station", places[name].to_numpy(dtype=np.float64))
+    return ds
 
 
 def flight_level_pairs(
@@ -255,30 +255,30 @@ def flight_level_pairs(
     """
     parts = []
     needed = ["latitude", "longitude", "pressure", "phase", "screening"]
-    for part in chunks(headings, {"": members}, needed, corrected):
-        cell = profile_cells(part.block)
+    for chunk in chunks(headings, {"": members}, needed, corrected):
+        cell = profile_cells(chunk.block)
         columns: dict[Any, Any] = {
-            "south": np.floor(part.column("latitude") / region),
-            "west": np.floor(wrap_degrees(part.column("longitude")) / region),
+            "south": np.floor(chunk.column("latitude") / region),
+            "west": np.floor(wrap_degrees(chunk.column("longitude")) / region),
             "layer": cell % (len(LEVEL_EDGES_HPA) - 1),
-            TIME: part.day.astype("datetime64[D]").astype("datetime64[ns]"),
+            TIME: chunk.day.astype("datetime64[D]").astype("datetime64[ns]"),
         }
-        for name, model, wind in zip(_WINDS, part.model[""], part.corrected, strict=True):
+        for name, model, wind in zip(_WINDS, chunk.model[""], chunk.corrected, strict=True):
             columns |= {("forecast", name): model, ("observation", name): wind}
         table = pd.DataFrame(columns)
         good = (cell >= 0) & table.notna().all(axis=1).to_numpy()
-        good &= np.isin(part.applied, FREE_OF_DEVIATION)
+        good &= np.isin(chunk.applied, FREE_OF_DEVIATION)
         parts.append(table[good].assign(reports=1).groupby(["south", "west", "layer", TIME]).sum())
     summed = pd.concat(parts).groupby(level=[0, 1, 2, 3]).sum()
-    kept = summed[summed["reports"] >= fewest]
-    if kept.empty:
+    retained = summed[summed["reports"] >= fewest]
+    if retained.empty:
         raise InputError(
             f"no box of {region:g} degrees has {fewest} corrected winds in a layer on any day",
             field="postprocess.winds",
             found=f"at most {int(summed['reports'].max()) if len(summed) else 0}",
             remedy="Make region larger or fewest smaller",
         )
-    means = kept.div(kept["reports"], axis=0).reset_index()
+    means = retained.div(retained["reports"], axis=0).reset_index()
     edges = np.array(LEVEL_EDGES_HPA)
     middle = 0.5 * (edges[:-1] + edges[1:])[means["layer"].astype(int)]
     latitude, longitude = ((means[side] + 0.5) * region for side in ("south", "west"))
@@ -291,10 +291,10 @@ def flight_level_pairs(
         lead=LEAD_HOURS, units="m s-1", longitude=longitude, altitude=middle * 100.0
     )
     components = [
-        lines.assign(variable=name, **{part: means[part, name] for part in _VALUES})
+        lines.assign(variable=name, **{kind: means[kind, name] for kind in _VALUES})
         for name in _WINDS
     ]
-    found = on_axes(pd.concat(components, ignore_index=True))
+    pairs = on_axes(pd.concat(components, ignore_index=True))
     few = int((summed["reports"] < fewest).sum())
-    found.attrs["lines_left_out"] = {f"box, layer and day with under {fewest} winds": few}
-    return found.rename(altitude="pressure")  # `on_axes` calls the level of a place altitude
+    pairs.attrs["lines_left_out"] = {f"box, layer and day with under {fewest} winds": few}
+    return pairs.rename(altitude="pressure")  # `on_axes` calls the level of a place altitude

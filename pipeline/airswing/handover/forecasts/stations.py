@@ -92,12 +92,12 @@ def pairs_at_stations(
     off = [str(name) for name in outside.index[outside]]
     if off:
         left_out[f"stations without a forecast: {', '.join(off[:8])}"] += len(off)
-    known = [name for name in UNITS if name in observed]
-    there = observed.melt(["station", "time"], known, "variable", "observation")
-    chosen = table[table["forecast"].notna() & table["variable"].isin(known)]
+    names = [name for name in UNITS if name in observed]
+    values = observed.melt(["station", "time"], names, "variable", "observation")
+    usable = table[table["forecast"].notna() & table["variable"].isin(names)]
     paired = pd.merge_asof(
-        chosen.assign(time=_valid(chosen)).sort_values("time"),
-        there.dropna(subset="observation").sort_values("time"),
+        usable.assign(time=_valid(usable)).sort_values("time"),
+        values.dropna(subset="observation").sort_values("time"),
         on="time",
         by=["station", "variable"],
         direction="nearest",
@@ -114,9 +114,9 @@ def pairs_at_stations(
         )
     paired = paired.merge(stations, on="station", how="left")
     paired["units"] = paired["variable"].map(UNITS)
-    found = on_axes(paired)
-    found.attrs["lines_left_out"] = {reason: n for reason, n in left_out.items() if n}
-    return found
+    pairs = on_axes(paired)
+    pairs.attrs["lines_left_out"] = {reason: n for reason, n in left_out.items() if n}
+    return pairs
 
 
 def _valid(table: pd.DataFrame) -> pd.Series:
@@ -138,10 +138,10 @@ def _observations(file: Path, columns: Mapping[str, str], left_out: Counter[str]
     )
     wanted = (*_RANGE, "wind_direction")
     for name in map(str, raw.columns):
-        known = split_name(name.removeprefix("air_"))
-        if known is not None and known[0].variable in wanted:
-            factor, offset = conversion(known[1], known[0].si_unit)
-            table[known[0].variable] = numbers(raw[name], raw.index) * factor + offset
+        parsed = split_name(name.removeprefix("air_"))
+        if parsed is not None and parsed[0].variable in wanted:
+            factor, offset = conversion(parsed[1], parsed[0].si_unit)
+            table[parsed[0].variable] = numbers(raw[name], raw.index) * factor + offset
     if not {*wanted} & {*table}:
         raise InputError(
             "no column with an observation",
@@ -193,8 +193,8 @@ def forecasts_at_stations(
                 "forecast": values,
             }
         )
-        for (start, lead), found in sorted(fields.items())
-        for name, values in _variables(found, latitude, longitude).items()
+        for (start, lead), by_name in sorted(fields.items())
+        for name, values in _variables(by_name, latitude, longitude).items()
     ]
     if not parts:
         raise InputError(
@@ -204,16 +204,16 @@ def forecasts_at_stations(
             found="; ".join(sorted({why for _, why in skipped})) or f"{len(files)} files",
         )
     table = pd.concat(parts, ignore_index=True)
-    return table, {f"{what}: {why}": n for (what, why), n in skipped.items()}
+    return table, {f"{kind}: {why}": n for (kind, why), n in skipped.items()}
 
 
 def _variables(
-    found: Mapping[str, tuple[Grid, Floats]], latitude: Floats, longitude: Floats
+    fields: Mapping[str, tuple[Grid, Floats]], latitude: Floats, longitude: Floats
 ) -> dict[str, Floats]:
-    variables = {name: found[name][1] for name in found if name == "air_temperature"}
-    if "eastward_wind" in found and "northward_wind" in found:
-        (grid, u), (other, v) = found["eastward_wind"], found["northward_wind"]
-        if grid == other:
+    variables = {name: fields[name][1] for name in fields if name == "air_temperature"}
+    if "eastward_wind" in fields and "northward_wind" in fields:
+        (grid, u), (grid_v, v) = fields["eastward_wind"], fields["northward_wind"]
+        if grid == grid_v:
             along = grid.wind_along_grid
             angle = grid.convergence(latitude, longitude) if along else np.zeros_like(latitude)
             cosine, sine = np.cos(angle), np.sin(angle)
