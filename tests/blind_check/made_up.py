@@ -7,14 +7,14 @@ from tests.report import gap_factories
 
 def claim(name="hard_iron", *, tails=("N401", "N402"), **changes):
     """One entry of ``effects``."""
-    given = {"parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0}, "ambiguous_with": []}
-    return gap_factories.effect(name, *(tails or ()), **given | {"share_of_gap": 0.9} | changes)
+    defaults = {"parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0}, "ambiguous_with": []}
+    return gap_factories.effect(name, *(tails or ()), **defaults | {"share_of_gap": 0.9} | changes)
 
 
 def place(variable="hour", **changes):
     """One entry of ``unknown.where``."""
-    given = {"component": "along_heading", "variable": variable, "variables": [variable]}
-    return gap_factories.place(**given | {"tails": ["N401"], "closure": None} | changes)
+    defaults = {"component": "along_heading", "variable": variable, "variables": [variable]}
+    return gap_factories.place(**defaults | {"tails": ["N401"], "closure": None} | changes)
 
 
 def gap(*claims, unknown=(), closure=None):
@@ -34,8 +34,8 @@ def informed(root):
 
     def diagnosis(config, output, without):
         labels = json.loads((root / "sealed" / "labels.json").read_text())
-        label = next(one for one in labels if one["name"] == config.parent.name)
-        effects = [claim(**one) for one in label["effects"] if one["name"] not in without]
+        label = next(row for row in labels if row["name"] == config.parent.name)
+        effects = [claim(**row) for row in label["effects"] if row["name"] not in without]
         after = label["closure"]["after"]
         return gap(*effects, closure={**label["closure"], "ci": [after - 0.1, after + 0.1]})
 

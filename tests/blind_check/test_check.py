@@ -62,11 +62,11 @@ def test_a_diagnosis_that_knows_the_labels_is_right(checked):
 
 def test_the_diagnosis_receives_sealed_cases_that_share_their_winds(checked):
     root, check, seen = checked
-    assert len(seen) == 10 and {one["digest"] for one in seen} == {check.digest}
+    assert len(seen) == 10 and {case["digest"] for case in seen} == {check.digest}
     labels = (root / "sealed" / "labels.json").read_bytes()
     assert hashlib.sha256(labels).hexdigest() == check.digest
     references = set()
-    for config in (one["config"] for one in seen):
+    for config in (case["config"] for case in seen):
         paths = " ".join(str(path.relative_to(root)) for path in config.parent.rglob("*"))
         text = config.read_text()
         assert not any(name in text + paths for name in (*draws(), "outside", "null", "sealed"))
@@ -173,21 +173,22 @@ def test_an_effect_of_one_file_is_simulated_diagnosed_and_described(added, tmp_p
     entry = effect(NAME, [1, 4], rate_deg=1.2)
     (tmp_path / "effects.yaml").write_text(yaml.safe_dump([entry]))
     (active,) = read_effects(tmp_path / "effects.yaml")
-    plain, frame = (
+    undisturbed, frame = (
         make_frame(seed=5, aircraft=6, days=16, noise=0.3, effects=effects)
         for effects in ([], [entry])
     )
-    left = remove_effects(frame, [active])
-    assert np.abs(frame.residual - plain.residual).max() > 1.0
-    assert left.residual == pytest.approx(plain.residual, abs=0.1)  # the noise is turned too
+    restored = remove_effects(frame, [active])
+    assert np.abs(frame.residual - undisturbed.residual).max() > 1.0
+    # the noise is turned too
+    assert restored.residual == pytest.approx(undisturbed.residual, abs=0.1)
     few = {name: CATALOGUE[name] for name in ("compass_offset", "hard_iron", "tas_scale", NAME)}
-    made = diagnose(frame, catalogue=few)
-    (found,) = made.report.effects
-    assert found.name == NAME and found.tails == list(active.tails)
-    for entry in found.per_tail.values():
+    diagnosis = diagnose(frame, catalogue=few)
+    (cold_soak,) = diagnosis.report.effects
+    assert cold_soak.name == NAME and cold_soak.tails == list(active.tails)
+    for entry in cold_soak.per_tail.values():
         assert entry.parameters["rate_deg"] == pytest.approx(1.2, abs=0.15)
-    assert f"{NAME.replace('_', ' ')} on" in verdict(made.report).lower()
-    page = write_gap_page(tmp_path, gap=made.report, maps=made.dataset)
+    assert f"{NAME.replace('_', ' ')} on" in verdict(diagnosis.report).lower()
+    page = write_gap_page(tmp_path, gap=diagnosis.report, maps=diagnosis.dataset)
     assert "Cold soak (heading error that grows with the cold)" in page.read_text()
     assert separated_by("compass_offset", NAME) == "flights in warm air"
 

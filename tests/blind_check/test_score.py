@@ -143,31 +143,31 @@ SCORES = {
 
 @pytest.mark.parametrize("name", SCORES)
 def test_a_case_is_scored(name):
-    truth, found, expected = SCORES[name]
-    score = score_case(truth, found, failure="exit status 1", fleet=FLEET)
+    truth, content, expected = SCORES[name]
+    score = score_case(truth, content, failure="exit status 1", fleet=FLEET)
     assert {name: score[name] for name in expected} == expected
 
 
 def test_effects_of_the_background_are_neither_right_nor_wrong():
     hard = label("null", effects=[], background=["outliers"], world="hard")
-    found = score_case(hard, gap(claim("outliers")))
-    assert found["false_names"] == [] and not found["detected"] and found["claims"] == []
+    score = score_case(hard, gap(claim("outliers")))
+    assert score["false_names"] == [] and not score["detected"] and score["claims"] == []
     sensor = label("null", effects=[], background_components=["across_heading"])
     heading = place(component="across_heading")
     assert not score_case(sensor, gap(unknown=[heading]))["unknown"]
-    other = score_case(sensor, gap(unknown=[heading, place(component="along_wind")]))
-    assert other["unknown"] and other["claims"] == [("unknown", 0.97, False)]
+    score = score_case(sensor, gap(unknown=[heading, place(component="along_wind")]))
+    assert score["unknown"] and score["claims"] == [("unknown", 0.97, False)]
 
 
 def test_parameters_of_each_affected_aircraft_are_compared():
     true = {"tails": ["a", "b"], "parameters": {"offset_deg": 2.0}}
-    each = {
+    per_tail = {
         tail: {"parameters": {"offset_deg": value}, "standard_errors": {"offset_deg": 0.1}}
         for tail, value in {"a": 2.2, "b": 1.0, "x": 9.0}.items()
     }
-    found = [claim(per_tail=each)]
-    assert parameter_errors(("offset_deg",), true, found) == pytest.approx([0.1, 0.5])
-    assert standardised_errors(("offset_deg",), true, found) == pytest.approx([2.0, -10.0])
+    claims = [claim(per_tail=per_tail)]
+    assert parameter_errors(("offset_deg",), true, claims) == pytest.approx([0.1, 0.5])
+    assert standardised_errors(("offset_deg",), true, claims) == pytest.approx([2.0, -10.0])
 
 
 def test_date_error_takes_the_nearest_stated_start():

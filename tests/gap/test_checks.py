@@ -56,28 +56,28 @@ def check(archive, residual):
 
 
 def test_correct_noise_is_calibrated(archive, drawn):
-    made, pit = check(archive, drawn)
-    assert made.spread == pytest.approx(1, abs=0.02)
-    assert made.crps_m_s == pytest.approx(made.crps_expected_m_s, rel=0.03)
-    assert abs(made.lag_one) < 4 * made.lag_one_standard_error + 1e-3
-    assert abs(made.auc - 0.5) < 4 * made.auc_standard_error
+    entry, pit = check(archive, drawn)
+    assert entry.spread == pytest.approx(1, abs=0.02)
+    assert entry.crps_m_s == pytest.approx(entry.crps_expected_m_s, rel=0.03)
+    assert abs(entry.lag_one) < 4 * entry.lag_one_standard_error + 1e-3
+    assert abs(entry.auc - 0.5) < 4 * entry.auc_standard_error
     assert pit.sum() == 2 * len(drawn)
     expected = 2 * len(drawn) / pit.size
     assert np.abs(pit - expected).max() < 5 * np.sqrt(expected)
 
 
 def test_underestimated_noise_shows_in_spread_and_score(archive, drawn):
-    made, pit = check(archive, 1.5 * drawn)
-    assert made.spread == pytest.approx(1.5, abs=0.04)
-    assert made.crps_m_s > 1.3 * made.crps_expected_m_s
+    entry, pit = check(archive, 1.5 * drawn)
+    assert entry.spread == pytest.approx(1.5, abs=0.04)
+    assert entry.crps_m_s > 1.3 * entry.crps_expected_m_s
     assert pit[[0, -1]].mean() > 1.5 * pit[9:11].mean()
 
 
 def test_the_classifier_detects_an_error_by_heading(archive, drawn):
     frame, _ = archive
     right = np.stack([np.cos(frame.heading), -np.sin(frame.heading)], -1)
-    made, _ = check(archive, drawn + 3.0 * np.sin(frame.magnetic_heading)[:, None] * right)
-    assert made.auc > 0.5 + 5 * made.auc_standard_error
+    entry, _ = check(archive, drawn + 3.0 * np.sin(frame.magnetic_heading)[:, None] * right)
+    assert entry.auc > 0.5 + 5 * entry.auc_standard_error
 
 
 @pytest.fixture(scope="module")
@@ -90,11 +90,11 @@ def deviating():
 
 def test_placebo_closes_nothing_on_held_out_flights(deviating):
     frame, noise, day = deviating
-    made = fit_placebo(frame, frame.residual, noise=noise, day=day, fold=day % 4)
-    assert made.closes_nothing
-    assert made.reduction_kt < 0.02
-    assert made.reduction_where_fitted_kt > made.reduction_kt
-    assert made.reduction_ci_kt[0] < made.reduction_kt < made.reduction_ci_kt[1]
+    entry = fit_placebo(frame, frame.residual, noise=noise, day=day, fold=day % 4)
+    assert entry.closes_nothing
+    assert entry.reduction_kt < 0.02
+    assert entry.reduction_where_fitted_kt > entry.reduction_kt
+    assert entry.reduction_ci_kt[0] < entry.reduction_kt < entry.reduction_ci_kt[1]
 
 
 def test_the_true_cause_closes_by_the_same_fit(deviating):
@@ -145,9 +145,9 @@ def test_an_airspeed_factor_is_removed_exactly():
     wrong, right = headings(scale=0.02), headings()
     winds = ("eastward_wind", "northward_wind")
     change = np.stack([right[wind].values - wrong[wind].values for wind in winds], -1)
-    made = adjusted_headings(wrong, adjustment("tas_scale", reported=change))
+    adjusted = adjusted_headings(wrong, adjustment("tas_scale", reported=change))
     for name in ("heading", "magnetic_heading", "airspeed", "heading_error", "airspeed_error"):
-        np.testing.assert_allclose(made[name].values, right[name].values, atol=1e-9)
+        np.testing.assert_allclose(adjusted[name].values, right[name].values, atol=1e-9)
     assert (abs(wrong["airspeed"] - right["airspeed"]) > 0.5).any()
 
 
@@ -163,14 +163,14 @@ def test_fits_and_field_test_without_the_bias_of_a_reference_are_those_of_an_unb
     }
     options = {"pools": {"ruc": ["ruc"]}, "reference": "ruc", "fit": FIT | {"joint": False}}
     off = adjustment("reference_speed_bias", reference=[-6.0, 0.0])
-    made = review_claims(headings(wrong=6.0), off, field_test=test, **options)
+    claims = review_claims(headings(wrong=6.0), off, field_test=test, **options)
     clean = review_claims(headings(), adjustment("time_lag"), field_test=test, **options)
-    assert made.taken_off == ["reference_speed_bias"]
-    assert (made.stay, made.of) == (0, 2) and (clean.stay, clean.of) == (2, 2)
-    for one, two in zip(made.aircraft, clean.aircraft, strict=True):
-        assert one.amplitude_deg_after == pytest.approx(two.amplitude_deg, abs=0.02)
-        assert abs(one.amplitude_deg - one.amplitude_deg_after) > 0.5
-    tested = made.field_test
+    assert claims.taken_off == ["reference_speed_bias"]
+    assert (claims.stay, claims.of) == (0, 2) and (clean.stay, clean.of) == (2, 2)
+    for fit, clean_fit in zip(claims.aircraft, clean.aircraft, strict=True):
+        assert fit.amplitude_deg_after == pytest.approx(clean_fit.amplitude_deg, abs=0.02)
+        assert abs(fit.amplitude_deg - fit.amplitude_deg_after) > 0.5
+    tested = claims.field_test
     assert tested.reduction_kt_after == pytest.approx(clean.field_test.reduction_kt, abs=1e-9)
     low, high = tested.reduction_ci_kt
     assert low <= tested.reduction_kt <= high
@@ -184,12 +184,12 @@ def test_diagnosis_removes_the_airspeed_error_and_keeps_the_deviation():
         effect("tas_scale", [3], scale_percent=2.0),
     )
     frame = make_frame(seed=9, aircraft=5, days=16, noise=0.3, effects=put_in)
-    made = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, dictionary=False)
-    assert {e.name for e in made.report.effects} == {"compass_offset", "tas_scale"}
-    assert made.adjustment.names == ("tas_scale",)
+    diagnosis = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, dictionary=False)
+    assert {e.name for e in diagnosis.report.effects} == {"compass_offset", "tas_scale"}
+    assert diagnosis.adjustment.names == ("tas_scale",)
     affected = frame.aircraft == 3
-    assert not made.adjustment.reported[~affected].any()
-    assert not made.adjustment.reference.any()
+    assert not diagnosis.adjustment.reported[~affected].any()
+    assert not diagnosis.adjustment.reference.any()
     air = np.stack([frame.ground_u - frame.u_rep, frame.ground_v - frame.v_rep], -1)
-    corrected = np.hypot(*(air - made.adjustment.reported)[affected].T)
+    corrected = np.hypot(*(air - diagnosis.adjustment.reported)[affected].T)
     assert np.median(frame.airspeed[affected] / corrected) == pytest.approx(1.02, abs=0.003)

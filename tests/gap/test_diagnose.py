@@ -29,8 +29,8 @@ def archive(*effects, seed=5, aircraft=6, days=12):
 @pytest.fixture
 def few_variables(monkeypatch):
     """Tables over a third of the variables, the rivals of the effect among them, for their time."""
-    kept = {"magnetic_heading", "airspeed", "altitude", "date", "hour", "wind_direction"}
-    for name in {*KINDS} - kept:
+    names = {"magnetic_heading", "airspeed", "altitude", "date", "hour", "wind_direction"}
+    for name in {*KINDS} - names:
         monkeypatch.delitem(KINDS, name)
 
 
@@ -56,15 +56,15 @@ def test_nothing_is_named_where_nothing_is(quiet):
 
 
 def test_one_cycle_on_two_aircraft(iron, quiet):
-    frame, made = iron
-    report = made.report
-    (found,) = report.effects
-    assert found.name == "hard_iron"
-    assert found.tails == [frame.tails[1], frame.tails[4]]
-    assert found.probability > 0.8
-    for tail in found.tails:
-        values = found.per_tail[tail].parameters
-        errors = found.per_tail[tail].standard_errors
+    frame, diagnosis = iron
+    report = diagnosis.report
+    (entry,) = report.effects
+    assert entry.name == "hard_iron"
+    assert entry.tails == [frame.tails[1], frame.tails[4]]
+    assert entry.probability > 0.8
+    for tail in entry.tails:
+        values = entry.per_tail[tail].parameters
+        errors = entry.per_tail[tail].standard_errors
         assert values["amplitude_deg"] == pytest.approx(1.5, rel=0.05)
         assert values["phase_deg"] == pytest.approx(40.0, abs=4 * errors["phase_deg"] + 2)
     true = np.hypot(*quiet.residual.T).mean() / 0.514444
@@ -80,11 +80,13 @@ def test_one_cycle_on_two_aircraft(iron, quiet):
 def test_constant_one_and_two_cycles_of_all_aircraft_are_three_names(size):
     """Not one table of the heading, which has more evidence than hard iron alone."""
     effects = []
-    for k, (constant, one, two) in enumerate([(0.8, 3.5, 0.3), (-1.2, 1.5, 1.4), (0.4, 2.5, 1.2)]):
+    for k, (constant, hard, soft) in enumerate(
+        [(0.8, 3.5, 0.3), (-1.2, 1.5, 1.4), (0.4, 2.5, 1.2)]
+    ):
         effects += [
             effect("compass_offset", [k], offset_deg=size * constant),
-            effect("hard_iron", [k], amplitude_deg=size * one, phase_deg=57.0 * k),
-            effect("soft_iron", [k], amplitude_deg=size * two, phase_deg=90.0 + 57.0 * k),
+            effect("hard_iron", [k], amplitude_deg=size * hard, phase_deg=57.0 * k),
+            effect("soft_iron", [k], amplitude_deg=size * soft, phase_deg=90.0 + 57.0 * k),
         ]
     report = diagnose(archive(*effects, seed=6, aircraft=3, days=7), catalogue=SMALL).report
     assert {e.name for e in report.effects} == {"compass_offset", "hard_iron", "soft_iron"}
@@ -92,19 +94,19 @@ def test_constant_one_and_two_cycles_of_all_aircraft_are_three_names(size):
 
 
 def test_products_are_complete_and_serialise(iron):
-    frame, made = iron
-    content = plain(made.report.content())
+    frame, diagnosis = iron
+    content = plain(diagnosis.report.content())
     read = GapReport.of(json.loads(json.dumps(content, allow_nan=False)))
     assert plain(read.content()) == content
-    assert [w.label for w in made.report.waterfall][-1] == "noise floor"
-    heading = made.dataset["heading_map"]
+    assert [w.label for w in diagnosis.report.waterfall][-1] == "noise floor"
+    heading = diagnosis.dataset["heading_map"]
     assert heading.dims == ("aircraft", "octant")
     assert heading.sizes["aircraft"] == len(frame.tails)
-    evidence = made.dataset["log_evidence"]
+    evidence = diagnosis.dataset["log_evidence"]
     assert evidence["effect"].values[0] == "hard_iron" and evidence.values[0] > 10
-    own = made.dataset["aircraft_probability"].sel(effect="hard_iron").values
-    assert own[[1, 4]].min() > 0.95 and own[[0, 2, 3, 5]].max() < 0.5
-    assert made.report.closure.by_effect[0].name == "hard_iron"
+    probability = diagnosis.dataset["aircraft_probability"].sel(effect="hard_iron").values
+    assert probability[[1, 4]].min() > 0.95 and probability[[0, 2, 3, 5]].max() < 0.5
+    assert diagnosis.report.closure.by_effect[0].name == "hard_iron"
 
 
 @pytest.mark.parametrize(
@@ -120,16 +122,16 @@ def test_products_are_complete_and_serialise(iron):
 def test_one_effect_is_named_sized_and_dated(name, aircraft, day, values, options):
     frame = archive(effect(name, aircraft, day, **values), **options)
     catalogue = SMALL | ({name: CATALOGUE[name]} if name == "compass_drift" else {})
-    (found,) = diagnose(frame, catalogue=catalogue, dictionary=False).report.effects
-    assert found.name == name
-    assert found.tails == [frame.tails[k] for k in aircraft]
-    assert (found.scope == "fleet") == (len(aircraft) == 6)
+    (entry,) = diagnose(frame, catalogue=catalogue, dictionary=False).report.effects
+    assert entry.name == name
+    assert entry.tails == [frame.tails[k] for k in aircraft]
+    assert (entry.scope == "fleet") == (len(aircraft) == 6)
     for parameter, value in values.items():
-        error = found.standard_errors[parameter]
-        assert found.parameters[parameter] == pytest.approx(value, abs=max(3 * error, 0.05))
+        error = entry.standard_errors[parameter]
+        assert entry.parameters[parameter] == pytest.approx(value, abs=max(3 * error, 0.05))
         assert error < 0.3
     if name == "compass_step":
-        assert abs(np.datetime64(found.period[0]) - (START + day)) <= np.timedelta64(1, "D")
+        assert abs(np.datetime64(entry.period[0]) - (START + day)) <= np.timedelta64(1, "D")
 
 
 def test_an_offset_of_the_references_time_hides_no_other_effect():
@@ -138,15 +140,15 @@ def test_an_offset_of_the_references_time_hides_no_other_effect():
     )
     names = ("reference_time_offset", "compass_offset", "reference_speed_bias")
     report = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, dictionary=False).report
-    found = {one.name: one for one in report.effects}
-    assert set(found) == {"reference_time_offset", "compass_offset"}
-    assert found["compass_offset"].tails == [frame.tails[2]]
+    claims = {entry.name: entry for entry in report.effects}
+    assert set(claims) == {"reference_time_offset", "compass_offset"}
+    assert claims["compass_offset"].tails == [frame.tails[2]]
     for name, parameter, true in (
         ("reference_time_offset", "offset_h", 1.0),
         ("compass_offset", "offset_deg", 0.6),
     ):
         stated, error = (
-            values[parameter] for values in (found[name].parameters, found[name].standard_errors)
+            values[parameter] for values in (claims[name].parameters, claims[name].standard_errors)
         )
         assert stated == pytest.approx(true, abs=3 * error) and error < 0.2
 
@@ -164,10 +166,10 @@ def test_an_effect_of_one_reference_is_attributed_to_it_at_its_size():
     catalogue = {"reference_time_offset": CATALOGUE["reference_time_offset"]}
     report = diagnose(replace(pool[0], **mean), catalogue=catalogue, dictionary=False).report
     report = attributed(replace(report, reference="both"), list(offsets), frame_against)
-    (found,) = report.effects
-    assert found.reference == "late" and set(found.by_reference) == {"both", "late"}
-    error = found.standard_errors["offset_h"]
-    assert found.parameters["offset_h"] == pytest.approx(-2.0, abs=3 * error)
+    (entry,) = report.effects
+    assert entry.reference == "late" and set(entry.by_reference) == {"both", "late"}
+    error = entry.standard_errors["offset_h"]
+    assert entry.parameters["offset_h"] == pytest.approx(-2.0, abs=3 * error)
     assert error < 0.2
     # the simulation of the pool has the offset of its mean
     (active,) = active_effects(report)
@@ -187,10 +189,10 @@ def test_effect_outside_the_catalogue_is_located_and_closed():
     assert place.closure.reduction > 0
     assert len(place.curve.values) == len(place.curve.edges[0]) - 1
     # closure is of everything stated, named or not
-    total = sum(one.reduction for one in report.closure.by_effect)
+    total = sum(entry.reduction for entry in report.closure.by_effect)
     assert report.closure.reduction == pytest.approx(total, abs=1e-6)
     # the unknown is an effect that the simulation takes
-    (active,) = [one for one in active_effects(report) if one.name == "empirical"]
+    (active,) = [entry for entry in active_effects(report) if entry.name == "empirical"]
     assert active.tails == (frame.tails[3],)
 
 
@@ -210,9 +212,9 @@ def test_a_change_in_a_long_archive_is_dated_to_the_day(monkeypatch):
     """Sums of long archives are kept by stretches of days, here of three."""
     monkeypatch.setattr("airswing.gap.model.sums.STRETCHES", 6)
     frame = archive(effect("compass_step", [2], 9, offset_deg=1.2), seed=6, days=16)
-    (found,) = diagnose(frame, catalogue=SMALL, dictionary=False).report.effects
-    assert (found.name, found.tails) == ("compass_step", [frame.tails[2]])
-    assert abs(np.datetime64(found.period[0]) - (START + 9)) <= np.timedelta64(1, "D")
+    (entry,) = diagnose(frame, catalogue=SMALL, dictionary=False).report.effects
+    assert (entry.name, entry.tails) == ("compass_step", [frame.tails[2]])
+    assert abs(np.datetime64(entry.period[0]) - (START + 9)) <= np.timedelta64(1, "D")
 
 
 @pytest.mark.usefixtures("few_variables")
@@ -228,7 +230,7 @@ def test_a_simple_error_outside_the_catalogue_is_not_named_by_a_richer_effect(
 ):
     """A scale or a drift explains nearly as much as a constant, which is the simpler table."""
     frame = archive(effect(name, [2, 4], day, **values), seed=6, days=16)
-    catalogue = {n: one for n, one in CATALOGUE.items() if n != name}
+    catalogue = {n: e for n, e in CATALOGUE.items() if n != name}
     report = diagnose(frame, catalogue=catalogue).report
     assert report.effects == []
     (place,) = report.unknown.where
@@ -237,7 +239,7 @@ def test_a_simple_error_outside_the_catalogue_is_not_named_by_a_richer_effect(
     assert place.tails == [frame.tails[2], frame.tails[4]]
     size = 0.8 if day else -1.5
     assert place.curve.values == pytest.approx([size] * len(place.curve.values), rel=0.1)
-    periods = {one.period and one.period[0] for one in active_effects(report)}
+    periods = {entry.period and entry.period[0] for entry in active_effects(report)}
     assert (periods == {None}) == (day is None)
 
 
@@ -250,20 +252,20 @@ def test_exchanged_identifiers_are_found_and_given_back():
     frame = archive(*effects, seed=8, aircraft=5, days=18)
     catalogue = SMALL | {"tail_swap": CATALOGUE["tail_swap"]}
     report = diagnose(frame, catalogue=catalogue, dictionary=False).report
-    found = {e.name: e for e in report.effects}
-    assert set(found) == {"tail_swap", "hard_iron", "compass_offset"}
-    assert found["tail_swap"].tails == [frame.tails[0], frame.tails[2]]
-    start = np.datetime64(found["tail_swap"].period[0])
+    entries = {e.name: e for e in report.effects}
+    assert set(entries) == {"tail_swap", "hard_iron", "compass_offset"}
+    assert entries["tail_swap"].tails == [frame.tails[0], frame.tails[2]]
+    start = np.datetime64(entries["tail_swap"].period[0])
     assert abs(start - (START + 10)) <= np.timedelta64(1, "D")
-    assert found["hard_iron"].tails == [frame.tails[0]]
-    assert found["compass_offset"].tails == [frame.tails[2]]
+    assert entries["hard_iron"].tails == [frame.tails[0]]
+    assert entries["compass_offset"].tails == [frame.tails[2]]
 
 
 def test_missing_context_is_untestable_and_missing_derivatives_are_refused(quiet):
     blind = replace(quiet, icing=np.full(quiet.size, -1), temperature=np.full(quiet.size, np.nan))
     heater = {"heater_current": CATALOGUE["heater_current"]}
-    made = diagnose(blind, catalogue=heater, dictionary=False)
-    assert "icing" in made.report.untestable["heater_current"]
+    diagnosis = diagnose(blind, catalogue=heater, dictionary=False)
+    assert "icing" in diagnosis.report.untestable["heater_current"]
     with pytest.raises(InputError, match="too few reports"):
         diagnose(quiet.take(slice(0, 100)))
     ds = headings_dataset()

@@ -105,22 +105,22 @@ def test_effects_that_reverse_with_the_direction_of_flight(perfect, name):
 def test_coefficients_from_parameters(perfect, name):
     effect = CATALOGUE[name]
     rng = np.random.default_rng(3)
-    for chosen in effect.alternatives or [tuple(range(effect.column_scales.size))]:
+    for subset in effect.alternatives or [tuple(range(effect.column_scales.size))]:
         coefficients = np.zeros(effect.column_scales.size)
-        coefficients[list(chosen)] = effect.column_scales[list(chosen)] * rng.normal(
-            size=len(chosen)
+        coefficients[list(subset)] = effect.column_scales[list(subset)] * rng.normal(
+            size=len(subset)
         )
-        if name == "heater_current" and len(chosen) in (2, 6) and chosen[0] >= 3:
+        if name == "heater_current" and len(subset) in (2, 6) and subset[0] >= 3:
             # a band is the difference of two columns
-            half = len(chosen) // 2
-            coefficients[list(chosen[half:])] = -coefficients[list(chosen[:half])]
-        if name == "declination_error" and chosen == (0, 2):
+            half = len(subset) // 2
+            coefficients[list(subset[half:])] = -coefficients[list(subset[:half])]
+        if name == "declination_error" and subset == (0, 2):
             coefficients = effect.from_parameters({"epoch_year": 1974.3}, perfect)
         covariance = np.diag((0.1 * effect.column_scales) ** 2)
         values, errors = effect.to_parameters(coefficients, covariance, perfect)
         again = effect.from_parameters(values, perfect)
         tolerance = 0.02 if name == "declination_error" else 1e-9
-        if name == "declination_error" and chosen == (0,):
+        if name == "declination_error" and subset == (0,):
             # an epoch also has a curvature: compared along the one column
             near = effect.basis(perfect)[0]
             pattern = np.asarray(again) @ effect.basis(perfect)
@@ -214,8 +214,8 @@ def test_acceleration_and_turn_error_by_hand(perfect):
     # by phase: as at 0.03 g
     coefficients = effect.from_parameters({"amplitude_deg": 50.0, "by_phase": True}, three)
     np.testing.assert_allclose(np.degrees(coefficients @ effect.basis(three)), [3.0, 0.0, -3.0])
-    found, errors = effect.to_parameters(coefficients, np.eye(2) * np.radians(1.0) ** 2, three)
-    assert found == {"amplitude_deg": pytest.approx(50.0), "by_phase": True}
+    values, errors = effect.to_parameters(coefficients, np.eye(2) * np.radians(1.0) ** 2, three)
+    assert values == {"amplitude_deg": pytest.approx(50.0), "by_phase": True}
     assert errors == {"amplitude_deg": pytest.approx(1.0)}
 
 
@@ -266,14 +266,14 @@ def test_effects_of_time_and_height_are_the_wind_elsewhere(perfect):
     east = frames.METRES_PER_DEGREE * np.cos(np.radians(40.0))
     south = latitude - lag * perfect.ground_v / frames.METRES_PER_DEGREE
     west = longitude - lag * perfect.ground_u / east
-    here = np.stack(frames.wind(time, latitude, longitude, lnp), -1)
+    wind = np.stack(frames.wind(time, latitude, longitude, lnp), -1)
     for name, values, place, size in (
         # stamped t, shows t + 20 min
         ("reference_time_offset", stamped, (time - 1200.0, latitude, longitude, lnp), 0.15),
         ("altitude_offset", {"offset_ft": 300.0}, (time, latitude, longitude, lower), 0.1),
         ("time_lag", {"offset_s": lag}, (time - lag, south, west, earlier), 0.3),
     ):
-        expected = np.stack(frames.wind(*place), -1) - here
+        expected = np.stack(frames.wind(*place), -1) - wind
         np.testing.assert_allclose(difference(perfect, name, values), expected, atol=0.01)
         assert np.abs(expected).max() > size
 
@@ -349,11 +349,11 @@ def test_coarse_values_are_on_their_lattice_and_the_others_stay(perfect, name, v
         "position_coding": (sent.latitude, sent.longitude),
         "heading_coding": (np.degrees(heading),),
     }
-    for one in rounded[name]:
-        np.testing.assert_allclose(one / step, np.round(one / step), atol=1e-6)
-        assert np.unique(np.round(one / step)).size > 3
-    kept = {"position_coding": "u_rep v_rep", "heading_coding": "airspeed latitude"}
-    for field in kept.get(name, "latitude").split():
+    for coded in rounded[name]:
+        np.testing.assert_allclose(coded / step, np.round(coded / step), atol=1e-6)
+        assert np.unique(np.round(coded / step)).size > 3
+    unchanged = {"position_coding": "u_rep v_rep", "heading_coding": "airspeed latitude"}
+    for field in unchanged.get(name, "latitude").split():
         np.testing.assert_allclose(getattr(sent, field), getattr(perfect, field), atol=1e-9)
 
 
@@ -407,14 +407,14 @@ def test_table_of_two_variables_and_an_unknown_value(toy):
     ],
 )
 def test_flying_north_at_100_in_a_westerly_of_20(component, change):
-    made = change_of(
+    vector = change_of(
         component,
         heading=np.zeros(1),
         airspeed=np.full(1, 100.0),
         u=np.full(1, 20.0),
         v=np.zeros(1),
     )
-    np.testing.assert_allclose(made[0], change, atol=1e-12)
+    np.testing.assert_allclose(vector[0], change, atol=1e-12)
 
 
 def table(component, values, edges=((-1e4, 0.0, 1e4),), variables=("longitude",)):
@@ -430,11 +430,11 @@ def table(component, values, edges=((-1e4, 0.0, 1e4),), variables=("longitude",)
 def test_an_angle_equals_a_compass_offset_in_its_cells(toy):
     middle = float(np.median(toy.longitude))
     effect = table("heading_angle", [0.0, 2.0], edges=[(-500.0, middle, 500.0)])
-    made = simulate(toy, effects=[effect]).residual
+    residual = simulate(toy, effects=[effect]).residual
     offset = ActiveEffect("compass_offset", {"offset_deg": 2.0}, None)
     everywhere, nowhere = simulate(toy, effects=[offset]).residual, simulate(toy).residual
     inside = (toy.longitude >= middle)[:, None]
-    np.testing.assert_allclose(made, np.where(inside, everywhere, nowhere), atol=1e-9)
+    np.testing.assert_allclose(residual, np.where(inside, everywhere, nowhere), atol=1e-9)
 
 
 @pytest.mark.parametrize(

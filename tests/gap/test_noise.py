@@ -81,8 +81,8 @@ def test_larger_scatter_across_the_heading():
     assert fit.model.correlated_sd == pytest.approx(2.3 * spread, rel=0.06)
     white = whiten(data["residual"], fit.order, fit.gains)
     nose = beam @ np.array([[0, 1], [-1, 0]])
-    for part in (beam, nose):
-        assert (white * part).sum(axis=1).std() == pytest.approx(1.0, abs=0.04)
+    for side in (beam, nose):
+        assert (white * side).sum(axis=1).std() == pytest.approx(1.0, abs=0.04)
 
 
 def test_gross_errors_are_single_reports_not_long_departures():
@@ -91,8 +91,8 @@ def test_gross_errors_are_single_reports_not_long_departures():
     residual = data["residual"].copy()
     residual[first] += 15.0
     residual[first[3]] += 25.0
-    found = np.flatnonzero(gross_errors(residual, flight_order(data["flight"], data["time"])))
-    assert set(first) & set(found) == {first[3]}
+    marked = np.flatnonzero(gross_errors(residual, flight_order(data["flight"], data["time"])))
+    assert set(first) & set(marked) == {first[3]}
 
 
 def test_level_factors_follow_the_spread():
@@ -151,11 +151,11 @@ def test_whitening_is_that_of_the_full_covariance(keep, columns, anisotropic):
     _, order, gains, covariance = flights(keep, anisotropic=anisotropic)
     values = np.random.default_rng(1).normal(size=(13, 2, columns))
     white = whiten(values, order, gains)
-    kept = np.ones(13, bool) if keep is None else keep
-    assert not white[~kept].any()
-    both = np.repeat(kept, 2)
-    flat, white = values.reshape(26, -1)[both], white.reshape(26, -1)[both]
-    expected = flat.T @ np.linalg.solve(covariance[np.ix_(both, both)], flat)
+    used = np.ones(13, bool) if keep is None else keep
+    assert not white[~used].any()
+    rows = np.repeat(used, 2)
+    flat, white = values.reshape(26, -1)[rows], white.reshape(26, -1)[rows]
+    expected = flat.T @ np.linalg.solve(covariance[np.ix_(rows, rows)], flat)
     np.testing.assert_allclose(white.T @ white, expected, rtol=1e-10, atol=1e-10)
 
 
@@ -165,16 +165,16 @@ def test_interpolation_errors_are_those_of_the_inverse_covariance(keep, anisotro
     _, order, gains, covariance = flights(keep, anisotropic=anisotropic)
     values = np.random.default_rng(2).normal(size=(13, 2))
     errors, precision = interpolation_errors(values, order, gains)
-    kept = np.ones(13, bool) if keep is None else keep
-    assert not errors[~kept].any() and not precision[~kept].any()
-    both = np.repeat(kept, 2)
-    inverse = np.linalg.inv(covariance[np.ix_(both, both)])
-    score = (inverse @ values.ravel()[both]).reshape(-1, 2)
-    blocks = [inverse[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(kept.sum())]
+    used = np.ones(13, bool) if keep is None else keep
+    assert not errors[~used].any() and not precision[~used].any()
+    rows = np.repeat(used, 2)
+    inverse = np.linalg.inv(covariance[np.ix_(rows, rows)])
+    score = (inverse @ values.ravel()[rows]).reshape(-1, 2)
+    blocks = [inverse[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(used.sum())]
     expected = [np.linalg.solve(block, row) for block, row in zip(blocks, score, strict=True)]
-    np.testing.assert_allclose(errors[kept], expected, atol=1e-10)
+    np.testing.assert_allclose(errors[used], expected, atol=1e-10)
     if not anisotropic:
-        np.testing.assert_allclose(precision[kept], [b[0, 0] for b in blocks], rtol=1e-10)
+        np.testing.assert_allclose(precision[used], [b[0, 0] for b in blocks], rtol=1e-10)
 
 
 def test_flight_steps_by_hand():
@@ -195,31 +195,31 @@ def archive():
 
 def with_gross_errors(archive, aircraft, share, size=20.0):
     """The archive with normal errors in a share of some aircraft's reports, and its noise."""
-    frame, noise = archive
+    clean, noise = archive
     rng = np.random.default_rng(5)
-    hit = np.isin(frame.aircraft, aircraft) & (rng.random(frame.size) < share)
-    error = hit[:, None] * rng.normal(0, size, (frame.size, 2))
-    made = replace(frame, u_rep=frame.u_rep + error[:, 0], v_rep=frame.v_rep + error[:, 1])
-    return made, replace(noise, gross=gross_errors(made.residual, noise.order))
+    hit = np.isin(clean.aircraft, aircraft) & (rng.random(clean.size) < share)
+    error = hit[:, None] * rng.normal(0, size, (clean.size, 2))
+    frame = replace(clean, u_rep=clean.u_rep + error[:, 0], v_rep=clean.v_rep + error[:, 1])
+    return frame, replace(noise, gross=gross_errors(frame.residual, noise.order))
 
 
 @pytest.mark.parametrize(
     ("aircraft", "share"), [([2], 0.01), ([1, 4, 5], 0.03), (list(range(8)), 0.01)]
 )
 def test_share_of_gross_errors_and_aircraft(archive, aircraft, share):
-    made, noise = with_gross_errors(archive, aircraft, share)
-    found = outliers(made, made.residual, noise)
-    assert found.tails == [made.tails[a] for a in aircraft]
-    assert found.evidence_nats > 7.0
-    count = share * np.isin(made.aircraft, aircraft).sum()
-    assert found.parameters["fraction"] == pytest.approx(share, abs=3 * share / np.sqrt(count))
-    reduction = reduction_of_gross(made, made.residual, found, noise.gross)
-    frame, _ = archive
-    true = (np.hypot(*made.residual.T).mean() - np.hypot(*frame.residual.T).mean()) / KNOT
+    frame, noise = with_gross_errors(archive, aircraft, share)
+    entry = outliers(frame, frame.residual, noise)
+    assert entry.tails == [frame.tails[a] for a in aircraft]
+    assert entry.evidence_nats > 7.0
+    count = share * np.isin(frame.aircraft, aircraft).sum()
+    assert entry.parameters["fraction"] == pytest.approx(share, abs=3 * share / np.sqrt(count))
+    reduction = reduction_of_gross(frame, frame.residual, entry, noise.gross)
+    clean, _ = archive
+    true = (np.hypot(*frame.residual.T).mean() - np.hypot(*clean.residual.T).mean()) / KNOT
     assert reduction.reduction_ci[0] < true < reduction.reduction_ci[1]
 
 
 def test_moderate_scatter_is_no_gross_error(archive):
-    made, noise = with_gross_errors(archive, [1, 2], 0.3, size=2.5)
+    frame, noise = with_gross_errors(archive, [1, 2], 0.3, size=2.5)
     assert noise.gross.mean() > 0.001
-    assert outliers(made, made.residual, noise) is None
+    assert outliers(frame, frame.residual, noise) is None

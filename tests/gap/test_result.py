@@ -30,26 +30,27 @@ from airswing.gap.simulation.effects_file import (
 from airswing.products.whole_files import plain
 
 
-def found(name, *tails, each=None):
-    per_tail = {tail: TailEntry({"fraction": 0.02}) for tail in each or ()}
-    made = EffectEntry(name, 1.0, list(tails), {}, {}, None, "aircraft", 9.0)
-    return replace(made, per_tail=per_tail or None)
+def stated(name, *tails, detailed=None):
+    per_tail = {tail: TailEntry({"fraction": 0.02}) for tail in detailed or ()}
+    entry = EffectEntry(name, 1.0, list(tails), {}, {}, None, "aircraft", 9.0)
+    return replace(entry, per_tail=per_tail or None)
 
 
 def test_scatter_that_was_known_is_not_named_again():
-    entries = [found("outliers", "N401", "N402", each=["N401", "N402"]), found("hard_iron", "N401")]
-    known = [
+    outliers = stated("outliers", "N401", "N402", detailed=["N401", "N402"])
+    entries = [outliers, stated("hard_iron", "N401")]
+    effects = [
         ActiveEffect("outliers", {"fraction": 0.02}, ("N401",)),
         ActiveEffect("hard_iron", {"amplitude_deg": 1.0}, ("N401",)),
     ]
-    left = not_known(entries, known)
-    assert [(one.name, one.tails) for one in left] == [
+    remaining = not_known(entries, effects)
+    assert [(entry.name, entry.tails) for entry in remaining] == [
         ("outliers", ["N402"]),
         ("hard_iron", ["N401"]),
     ]
-    assert list(left[0].per_tail) == ["N402"]
+    assert list(remaining[0].per_tail) == ["N402"]
     everyone = [ActiveEffect("outliers", {"fraction": 0.02})]
-    assert [one.name for one in not_known(entries, everyone)] == ["hard_iron"]
+    assert [entry.name for entry in not_known(entries, everyone)] == ["hard_iron"]
 
 
 def test_a_known_floor_of_the_speeds_is_not_told_again():
@@ -61,15 +62,15 @@ def test_a_known_floor_of_the_speeds_is_not_told_again():
     ]
     unknown = UnknownEntry(True, places)
     parameters = {"component": "reported_speed", "variables": ["wind_speed"]}
-    known = [ActiveEffect("empirical", parameters)]
-    assert unknown_not_known(unknown, known) == UnknownEntry(True, places[1:])
-    assert unknown_not_known(UnknownEntry(True, places[:1]), known) == UnknownEntry(False, [])
+    effects = [ActiveEffect("empirical", parameters)]
+    assert unknown_not_known(unknown, effects) == UnknownEntry(True, places[1:])
+    assert unknown_not_known(UnknownEntry(True, places[:1]), effects) == UnknownEntry(False, [])
     along = [ActiveEffect("empirical", parameters | {"component": "along_wind"})]
     assert unknown_not_known(unknown, along) is unknown
 
 
 def test_a_number_of_another_kind_is_named(tmp_path):
-    content = plain(gap_factories.content(found("hard_iron", "N401")).content())
+    content = plain(gap_factories.content(stated("hard_iron", "N401")).content())
     parameters = {"range": [-15.0, 0.0], "pair": ["N401"], "word": "flag", "none": None}
     content["effects"][0]["parameters"] = parameters
     assert GapReport.of(content).effects[0].parameters == parameters

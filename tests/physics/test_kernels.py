@@ -53,8 +53,8 @@ def test_compass_error_comes_back_with_its_sign(error, heading):
     reported = triangle.wind_from_triangle(*ground, 130.0, heading + np.radians(error))
     used = triangle.air_vector(*ground, *reported)
     implied = triangle.air_vector(*ground, *wind)
-    found = triangle.heading_error(*used, *implied)
-    assert np.degrees(found) == pytest.approx(error, abs=1e-9)
+    recovered = triangle.heading_error(*used, *implied)
+    assert np.degrees(recovered) == pytest.approx(error, abs=1e-9)
     assert triangle.airspeed_error(*used, *implied) == pytest.approx(0.0, abs=1e-9)
 
 
@@ -64,13 +64,13 @@ def test_triangle_worked_by_hand():
     wind, ground = (0.0, -20.0), (100.0, -20.0)
     assert np.degrees(triangle.bearing(*ground)) == pytest.approx(101.309932, abs=1e-6)
     assert triangle.speed_of_vector(*ground) == pytest.approx(101.980390, abs=1e-6)
-    found = triangle.wind_from_triangle(*ground, 100.0, np.pi / 2)
-    np.testing.assert_allclose(found, wind, atol=1e-12)
+    vector = triangle.wind_from_triangle(*ground, 100.0, np.pi / 2)
+    np.testing.assert_allclose(vector, wind, atol=1e-12)
     # a compass reading 091 makes 100 (sin 91, cos 91) = (99.98477, -1.745241) of air vector,
     # a wind of (0.01523, -18.254759): 1.745 m/s of error to the left of the heading
-    found = triangle.wind_from_triangle(*ground, 100.0, np.radians(91.0))
-    np.testing.assert_allclose(found, (0.0152305, -18.2547594), atol=1e-6)
-    along, cross = triangle.along_cross(found[0] - wind[0], found[1] - wind[1], np.pi / 2)
+    vector = triangle.wind_from_triangle(*ground, 100.0, np.radians(91.0))
+    np.testing.assert_allclose(vector, (0.0152305, -18.2547594), atol=1e-6)
+    along, cross = triangle.along_cross(vector[0] - wind[0], vector[1] - wind[1], np.pi / 2)
     assert cross == pytest.approx(-1.745241, abs=1e-5)
     assert along == pytest.approx(0.0152305, abs=1e-6)
 
@@ -82,8 +82,8 @@ def test_wraps_by_hand():
         np.degrees(triangle.wrap_signed(np.radians(degrees))), expected, atol=1e-9
     )
     # degrees are open above
-    found = triangle.wrap_degrees(degrees.astype(np.float32))
-    assert found.tolist() == np.where(expected == 180.0, -180.0, expected).tolist()
+    wrapped = triangle.wrap_degrees(degrees.astype(np.float32))
+    assert wrapped.tolist() == np.where(expected == 180.0, -180.0, expected).tolist()
     # opposite vectors are half a turn apart, positive whichever way it is asked
     assert triangle.heading_error(0.0, -1.0, 0.0, 1.0) == np.pi
     assert triangle.heading_error(-0.0, -1.0, 0.0, 1.0) == np.pi
@@ -125,8 +125,8 @@ def test_printed_standard():
     # ICAO Doc 7488/3 tables, geopotential altitude in m against hPa
     altitude = [0.0, 1000.0, 5000.0, 11000.0, 12000.0, 15000.0, 20000.0]
     pressure = [1013.25, 898.746, 540.199, 226.321, 193.304, 120.446, 54.7489]
-    found = pressure_from_altitude(np.array(altitude)) / 100.0
-    np.testing.assert_allclose(found, pressure, rtol=2e-5)
+    computed = pressure_from_altitude(np.array(altitude)) / 100.0
+    np.testing.assert_allclose(computed, pressure, rtol=2e-5)
     np.testing.assert_allclose(
         standard_temperature(np.array([0.0, 11e3, 15e3])), [288.15, *[216.65] * 2]
     )
@@ -169,10 +169,10 @@ def test_true_airspeed_by_hand():
     """
     assert airspeed_from_calibrated(250 * KNOT, 101325.0, 288.15) == pytest.approx(250 * KNOT)
     air = pressure_from_altitude(35000 * 0.3048), standard_temperature(35000 * 0.3048)
-    found = airspeed_from_calibrated(250 * KNOT, *air)
+    airspeed = airspeed_from_calibrated(250 * KNOT, *air)
     impact = 101325.0 * ((1 + 0.2 * (250 / 661.4786) ** 2) ** 3.5 - 1)
     mach = np.sqrt(5 * ((1 + impact / 23842.3) ** (2 / 7) - 1))
-    assert found / KNOT == pytest.approx(mach * 576.42, abs=0.05)
+    assert airspeed / KNOT == pytest.approx(mach * 576.42, abs=0.05)
 
 
 ppigrf = pytest.importorskip("ppigrf")
@@ -199,15 +199,15 @@ def test_declination_within_a_hundredth_of_a_degree_of_igrf(north, south, west, 
     height = rng.uniform(-200.0, 13500.0, 300)
     for date in (datetime(2008, 7, 3), datetime(2011, 3, 1, 6)):
         seconds = (date - datetime(1970, 1, 1)).total_seconds()
-        found = field_at(latitude, longitude, height, seconds)
-        e, n, up = (part[0] for part in ppigrf.igrf(longitude, latitude, height / 1000.0, date))
+        field = field_at(latitude, longitude, height, seconds)
+        e, n, up = (x[0] for x in ppigrf.igrf(longitude, latitude, height / 1000.0, date))
         horizontal = np.hypot(e, n)
         strong = horizontal > 5000.0
-        miss = np.degrees(np.abs(found.declination - np.arctan2(e, n)))[strong]
+        miss = np.degrees(np.abs(field.declination - np.arctan2(e, n)))[strong]
         assert strong.sum() > 210
         assert miss.max() < 0.01
-        assert np.abs(found.horizontal - horizontal).max() < 1.0
-        assert np.degrees(np.abs(found.dip - np.arctan2(-up, horizontal))).max() < 0.01
+        assert np.abs(field.horizontal - horizontal).max() < 1.0
+        assert np.degrees(np.abs(field.dip - np.arctan2(-up, horizontal))).max() < 0.01
 
 
 def test_one_reports_field_does_not_depend_on_the_others():
@@ -217,24 +217,24 @@ def test_one_reports_field_does_not_depend_on_the_others():
     latitude, longitude = rng.uniform(-89.9, 89.9, size), rng.uniform(150.0, 210.0, size)
     height = rng.uniform(0.0, 13000.0, size)
     seconds = rng.uniform(1.2e9, 1.3e9, size)
-    whole = geomagnetic_field(latitude, longitude, height, seconds)
-    for part in (slice(0, 1), slice(5, 12), slice(40_000, 40_777), slice(65_000, size)):
-        arguments = latitude[part], longitude[part], height[part], seconds[part]
+    fields = geomagnetic_field(latitude, longitude, height, seconds)
+    for subset in (slice(0, 1), slice(5, 12), slice(40_000, 40_777), slice(65_000, size)):
+        arguments = latitude[subset], longitude[subset], height[subset], seconds[subset]
         alone = geomagnetic_field(*arguments)
         for name in GeomagneticField._fields:
-            np.testing.assert_array_equal(getattr(alone, name), getattr(whole, name)[part])
+            np.testing.assert_array_equal(getattr(alone, name), getattr(fields, name)[subset])
     signed = (longitude + 180.0) % 360.0 - 180.0
-    other = geomagnetic_field(latitude, signed, height, seconds)
-    np.testing.assert_allclose(other.declination, whole.declination, atol=1e-9)
+    of_signed = geomagnetic_field(latitude, signed, height, seconds)
+    np.testing.assert_allclose(of_signed.declination, fields.declination, atol=1e-9)
 
 
 def test_unknown_places_and_times_outside_the_epochs_have_no_field():
     latitude = np.array([np.nan, 45.0, 45.0, 91.0, 45.0])
     longitude = np.array([10.0, np.nan, 10.0, 10.0, 10.0])
     seconds = np.array([MID_2009, MID_2009, np.nan, MID_2009, 3.0e9])
-    found = field_at(latitude, longitude, 3000.0, seconds)
-    assert np.isnan(found.declination).all()
-    assert np.isnan(found.horizontal).all()
+    field = field_at(latitude, longitude, 3000.0, seconds)
+    assert np.isnan(field.declination).all()
+    assert np.isnan(field.horizontal).all()
     assert np.isfinite(field_at(45.0, 10.0).dip)
     assert geomagnetic_field([], [], [], []).declination.shape == (0,)
 
@@ -253,8 +253,8 @@ def test_angles_are_those_of_pyproj_on_both_sides_of_the_antimeridian():
     lat, to_lat = rng.uniform(-89.0, 89.0, (2, 500))
     lon, to_lon = rng.uniform(170.0, 190.0, (2, 500))
     expected = Geod(a=1.0, b=1.0).inv(lon, lat, to_lon, to_lat)[2]
-    found = central_angle(*map(np.radians, (lat, lon, to_lat, to_lon)))
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    angle = central_angle(*map(np.radians, (lat, lon, to_lat, to_lon)))
+    np.testing.assert_allclose(angle, expected, rtol=1e-9)
 
 
 def test_robust_standard_deviation():
@@ -283,7 +283,7 @@ def test_the_hats_that_are_not_zero_are_those_of_all(knots):
     knots = np.sort(rng.uniform(-1.0, 1.0, knots))
     values = np.r_[rng.uniform(-1.5, 1.5, 200), knots]
     index, value = hats_not_zero(values, knots)
-    whole = np.zeros((knots.size, values.size))
-    np.add.at(whole, (index.T, np.arange(values.size)), value.T)
+    dense = np.zeros((knots.size, values.size))
+    np.add.at(dense, (index.T, np.arange(values.size)), value.T)
     expected = hats(values, knots) if knots.size > 1 else np.ones((1, values.size))
-    np.testing.assert_array_equal(whole, expected)
+    np.testing.assert_array_equal(dense, expected)

@@ -27,10 +27,10 @@ def straight(latitude, longitude, azimuth, speed, seconds):
 
 
 def tracked(lat, lon, seconds, **options):
-    given = {"position_step": 0.0, "time_step": 0.0, **options}
-    altitude = given.pop("altitude", np.zeros(np.shape(lat)))
-    flight = given.pop("flight", np.zeros(np.shape(lat), dtype=int))
-    return ground_track(lat, lon, seconds, altitude, flight, **given)
+    options = {"position_step": 0.0, "time_step": 0.0, **options}
+    altitude = options.pop("altitude", np.zeros(np.shape(lat)))
+    flight = options.pop("flight", np.zeros(np.shape(lat), dtype=int))
+    return ground_track(lat, lon, seconds, altitude, flight, **options)
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 45.0, 90.0, 180.0, 270.0])
@@ -38,27 +38,27 @@ def test_a_geodesic_flown_steadily_gives_its_azimuth_at_every_fix(azimuth):
     # those to the east cross the antimeridian
     seconds = np.array([0.0, 165.0, 330.0, 400.0, 700.0])
     lat, lon, expected = straight(45.0, 179.9, azimuth + 1e-9, 128.6, seconds)
-    found = tracked(lat, lon, seconds)
-    np.testing.assert_allclose(np.hypot(found.eastward, found.northward), 128.6, rtol=1e-9)
-    track = np.degrees(bearing(found.eastward, found.northward))
+    motion = tracked(lat, lon, seconds)
+    np.testing.assert_allclose(np.hypot(motion.eastward, motion.northward), 128.6, rtol=1e-9)
+    track = np.degrees(bearing(motion.eastward, motion.northward))
     # the azimuth of a geodesic changes along it: by 1 degree here on an east-west leg
     np.testing.assert_allclose((track - expected[: track.size] + 180) % 360, 180.0, atol=1e-6)
-    np.testing.assert_array_equal(found.before, [0, 1, 1, 1, 1])
-    np.testing.assert_array_equal(found.after, [1, 1, 1, 1, 0])
-    np.testing.assert_allclose(found.turn[1:-1], 0.0, atol=1e-8)
-    assert np.isnan(found.turn[[0, -1]]).all()
+    np.testing.assert_array_equal(motion.before, [0, 1, 1, 1, 1])
+    np.testing.assert_array_equal(motion.after, [1, 1, 1, 1, 0])
+    np.testing.assert_allclose(motion.turn[1:-1], 0.0, atol=1e-8)
+    assert np.isnan(motion.turn[[0, -1]]).all()
 
 
 def test_speeding_up_is_centred_at_the_report_with_unequal_legs():
     # along a meridian at 100 + 0.1 t: chords of 100 s and 200 s
     seconds = np.array([0.0, 100.0, 300.0])
     lat, lon, _ = straight(40.0, -90.0, 0.0, 100.0 + 0.05 * seconds, seconds)
-    found = tracked(lat, lon, seconds, altitude=2.0 * seconds)
+    motion = tracked(lat, lon, seconds, altitude=2.0 * seconds)
     # by hand: chords 105 and 120 m/s, weighted 200 : 100, are 110 = 100 + 0.1 * 100
-    assert found.northward[1] == pytest.approx(110.0, abs=1e-6)
-    assert found.northward[0] == pytest.approx(105.0, abs=1e-6), "one chord, at its middle"
-    assert found.longitudinal_acceleration[1] == pytest.approx(0.1, abs=1e-9)
-    np.testing.assert_allclose(found.climb_rate, 2.0)
+    assert motion.northward[1] == pytest.approx(110.0, abs=1e-6)
+    assert motion.northward[0] == pytest.approx(105.0, abs=1e-6), "one chord, at its middle"
+    assert motion.longitudinal_acceleration[1] == pytest.approx(0.1, abs=1e-9)
+    np.testing.assert_allclose(motion.climb_rate, 2.0)
 
 
 def test_a_turn_its_sign_and_its_bank():
@@ -68,45 +68,45 @@ def test_a_turn_its_sign_and_its_bank():
     east, north = speed / rate * (1 - np.cos(angle)), speed / rate * np.sin(angle)
     azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(east, north)
     lon, lat, _ = map(np.asarray, GEOD.fwd(*np.full((2, 9), [[-90.0], [40.0]]), azimuth, distance))
-    found = tracked(lat, lon, np.arange(9) * 30.0)
+    motion = tracked(lat, lon, np.arange(9) * 30.0)
     inner = slice(1, -1)
-    np.testing.assert_allclose(np.degrees(found.turn[inner]), 3.0, atol=0.01)
+    np.testing.assert_allclose(np.degrees(motion.turn[inner]), 3.0, atol=0.01)
     # tan(bank) = V omega / g = 120 * 0.00174533 / 9.80665: 1.2234 degrees, right wing down
-    np.testing.assert_allclose(np.degrees(found.bank[inner]), 1.2234, atol=0.005)
-    track = bearing(found.eastward, found.northward)
+    np.testing.assert_allclose(np.degrees(motion.bank[inner]), 1.2234, atol=0.005)
+    track = bearing(motion.eastward, motion.northward)
     np.testing.assert_allclose(np.degrees(track - angle)[inner], 0.0, atol=0.04)
-    left = tracked(lat, -180.0 - lon, np.arange(9) * 30.0)
-    np.testing.assert_allclose(left.turn[inner], -found.turn[inner], atol=1e-9)
-    np.testing.assert_allclose(left.bank[inner], -found.bank[inner], atol=1e-9)
+    leftward = tracked(lat, -180.0 - lon, np.arange(9) * 30.0)
+    np.testing.assert_allclose(leftward.turn[inner], -motion.turn[inner], atol=1e-9)
+    np.testing.assert_allclose(leftward.bank[inner], -motion.bank[inner], atol=1e-9)
 
 
 def test_flights_do_not_touch_and_a_lone_report_has_no_value():
     seconds = np.array([0.0, 165.0, 330.0, 400.0, 0.0, 165.0])
     lat, lon, _ = straight(45.0, -93.0, 70.0, 130.0, seconds)
     flight = np.array([4, 4, 4, 9, 2, 2])
-    found = tracked(lat, lon, seconds, flight=flight)
-    assert np.isnan(found.eastward[3]) and np.isnan(found.cross_error[3])
-    np.testing.assert_array_equal(found.before, [0, 1, 1, 0, 0, 1])
-    np.testing.assert_array_equal(found.after, [1, 1, 0, 0, 1, 0])
+    motion = tracked(lat, lon, seconds, flight=flight)
+    assert np.isnan(motion.eastward[3]) and np.isnan(motion.cross_error[3])
+    np.testing.assert_array_equal(motion.before, [0, 1, 1, 0, 0, 1])
+    np.testing.assert_array_equal(motion.after, [1, 1, 0, 0, 1, 0])
     alone = tracked(lat[4:], lon[4:], seconds[4:])
-    np.testing.assert_array_equal(found.eastward[4:], alone.eastward)
+    np.testing.assert_array_equal(motion.eastward[4:], alone.eastward)
 
 
 def test_no_time_no_velocity_and_broken_chords():
     seconds = np.array([0.0, 165.0, 165.0, 330.0, 495.0, 660.0, 4000.0, 4165.0])
     lat, lon, _ = straight(45.0, -93.0, 70.0, 130.0, seconds)
-    found = tracked(lat, lon, seconds, widen=False)
-    assert np.isnan(found.eastward[[1, 2]]).all(), "two fixes at one time"
-    assert np.isfinite(found.eastward[[0, 3, 4, 5, 6, 7]]).all()
-    assert found.after[5] == 0 and found.before[6] == 0, "no chord over 56 minutes"
-    assert np.isfinite(found.along_error[np.isfinite(found.eastward)]).all()
+    motion = tracked(lat, lon, seconds, widen=False)
+    assert np.isnan(motion.eastward[[1, 2]]).all(), "two fixes at one time"
+    assert np.isfinite(motion.eastward[[0, 3, 4, 5, 6, 7]]).all()
+    assert motion.after[5] == 0 and motion.before[6] == 0, "no chord over 56 minutes"
+    assert np.isfinite(motion.along_error[np.isfinite(motion.eastward)]).all()
     # one fix a degree off: neither of its chords is an aircraft's
     bad = np.arange(6) * 165.0
     lat, lon, _ = straight(45.0, -93.0, 70.0, 130.0, bad)
     lat[3] += 1.0
-    found = tracked(lat, lon, bad)
-    assert np.isnan(found.northward[3])
-    np.testing.assert_allclose(np.hypot(found.eastward, found.northward)[[0, 1, 2, 4, 5]], 130.0)
+    motion = tracked(lat, lon, bad)
+    assert np.isnan(motion.northward[3])
+    np.testing.assert_allclose(np.hypot(motion.eastward, motion.northward)[[0, 1, 2, 4, 5]], 130.0)
     lat[3] = np.nan
     assert np.isnan(tracked(lat, lon, bad).northward[3])
 
@@ -152,17 +152,17 @@ def test_stated_errors_are_the_actual_ones_and_widening_lowers_them(leg, positio
     arguments, east, north = rounded_flights(leg, position=position, tick=tick, density=density)
     steps = {"position_step": position, "time_step": tick}
     wide = tracked(**arguments, **steps, acceleration_density=density)
-    plain = tracked(**arguments, **steps, acceleration_density=density, widen=False)
+    narrow = tracked(**arguments, **steps, acceleration_density=density, widen=False)
     centred = (wide.before > 0) & (wide.after > 0)
     ends = (wide.before > 0) ^ (wide.after > 0)
     assert ends.sum() == 2 * 150 and centred.sum() == 38 * 150
     before, miss = (
-        along_cross(one.eastward - east, one.northward - north, bearing(east, north))
-        for one in (plain, wide)
+        along_cross(motion.eastward - east, motion.northward - north, bearing(east, north))
+        for motion in (narrow, wide)
     )
-    for which in (centred, ends):
+    for rows in (centred, ends):
         for error, stated in zip(miss, (wide.along_error, wide.cross_error), strict=True):
-            assert rms(error[which]) == pytest.approx(rms(stated[which]), rel=0.15)
+            assert rms(error[rows]) == pytest.approx(rms(stated[rows]), rel=0.15)
     assert rms(np.hypot(*miss)[centred]) <= gain * rms(np.hypot(*before)[centred]) + 0.01
     assert abs(np.mean(miss[0][centred])) < 0.35, "and the bias of rounded times is gone"
 
@@ -171,16 +171,16 @@ def test_no_window_reaches_over_a_turn():
     seconds = np.arange(21) * 20.0
     along = 130.0 * (seconds - 200.0)  # from a corner
     lat, lon = np.minimum(along, 0.0) / 110574.28, np.maximum(along, 0.0) / 111319.49
-    found = tracked(lat, lon, seconds, position_step=TENTH_MINUTE, time_step=1.0)
+    motion = tracked(lat, lon, seconds, position_step=TENTH_MINUTE, time_step=1.0)
     reach = np.arange(21)
-    assert np.all((reach + found.after)[reach < 10] <= 10)
-    assert np.all((reach - found.before)[reach > 10] >= 10)
-    assert found.before[10] == 1 and found.after[10] == 1
-    assert np.degrees(found.turn[10]) == pytest.approx(90.0, abs=0.5)
-    track = np.degrees(bearing(found.eastward, found.northward)) % 360.0
+    assert np.all((reach + motion.after)[reach < 10] <= 10)
+    assert np.all((reach - motion.before)[reach > 10] >= 10)
+    assert motion.before[10] == 1 and motion.after[10] == 1
+    assert np.degrees(motion.turn[10]) == pytest.approx(90.0, abs=0.5)
+    track = np.degrees(bearing(motion.eastward, motion.northward)) % 360.0
     np.testing.assert_allclose((track[:10] + 180.0) % 360.0, 180.0, atol=0.1)
     np.testing.assert_allclose(track[11:], 90.0, atol=0.1)
-    assert found.after[3] > 1, "but it does widen on the straight"
+    assert motion.after[3] > 1, "but it does widen on the straight"
 
 
 # headings and bank near turns
@@ -209,8 +209,8 @@ def flown(heading, *, interval=60, wind=0j, noise=0.0, seed=0):
     }
 
 
-def estimated(made, **options):
-    values = [made[name] for name in ("leg", "wind", "straight", "seconds", "flight")]
+def estimated(flight, **options):
+    values = [flight[name] for name in ("leg", "wind", "straight", "seconds", "flight")]
     return near_turns(*values, **options)
 
 
@@ -219,32 +219,32 @@ def turn(begin, end, degrees, *, seconds=900):
 
 
 def test_a_turn_within_a_leg_is_between_its_two_reports():
-    made = flown(turn(435, 465, 60.0), wind=12.0 - 5.0j)
-    found = estimated(made)
-    assert {6, 7, 8, 9} <= set(found.report)
-    off = wrap_signed(found.heading - made["truth"][found.report])
+    flight = flown(turn(435, 465, 60.0), wind=12.0 - 5.0j)
+    estimate = estimated(flight)
+    assert {6, 7, 8, 9} <= set(estimate.report)
+    off = wrap_signed(estimate.heading - flight["truth"][estimate.report])
     assert np.degrees(np.abs(off)).max() < 3.0
-    assert found.airspeed == pytest.approx(np.full(found.report.size, SPEED), rel=0.02)
+    assert estimate.airspeed == pytest.approx(np.full(estimate.report.size, SPEED), rel=0.02)
     # the mean of both legs was off by a quarter of the turn
-    assert np.degrees(np.abs(wrap_signed(made["parabola"] - made["truth"]))).max() > 10.0
+    assert np.degrees(np.abs(wrap_signed(flight["parabola"] - flight["truth"]))).max() > 10.0
 
 
 def test_a_turn_across_a_report_is_divided_between_both_legs():
     # 40 s before the report at 480 s, 20 s after it: 60 of 90 degrees are made there
-    made = flown(turn(440, 500, 90.0))
-    found = estimated(made)
-    at = np.flatnonzero(found.report == 8)[0]
-    assert np.degrees(found.heading[at]) == pytest.approx(60.0, abs=6.0)
-    assert np.degrees(found.heading_error[at]) < 15.0
+    flight = flown(turn(440, 500, 90.0))
+    estimate = estimated(flight)
+    at = np.flatnonzero(estimate.report == 8)[0]
+    assert np.degrees(estimate.heading[at]) == pytest.approx(60.0, abs=6.0)
+    assert np.degrees(estimate.heading_error[at]) < 15.0
 
 
 @pytest.mark.parametrize(("flag", "low", "high"), [("good", 0.0, 12.0), ("bad", 5.0, 60.0)])
 def test_the_roll_flag_shows_whether_the_turn_had_begun(flag, low, high):
-    made = flown(turn(470, 510, 60.0), noise=50.0, seed=3)
+    flight = flown(turn(470, 510, 60.0), noise=50.0, seed=3)
     roll = np.full(15, ROLL["good"])
     roll[8] = ROLL[flag]
-    found = estimated(made, roll_flag=roll)
-    heading = np.degrees(wrap_signed(found.heading[found.report == 8]))[0]
+    estimate = estimated(flight, roll_flag=roll)
+    heading = np.degrees(wrap_signed(estimate.heading[estimate.report == 8]))[0]
     assert low - 3.0 < heading < high
 
 
@@ -256,32 +256,32 @@ def test_turns_of_all_sizes_are_found_within_their_standard_error():
         bank = np.radians(12.0 * np.exp(rng.normal(0.0, 0.4)))
         size = rng.uniform(20.0, 120.0) * rng.choice([-1, 1])
         lasts = np.radians(abs(size)) * SPEED / (GRAVITY * np.tan(bank))
-        made = flown(turn(begin, begin + lasts, size), noise=50.0, seed=seed, wind=20.0 + 10.0j)
-        found = estimated(made)
-        truth = made["truth"][found.report]
-        off = found.heading - truth, made["parabola"][found.report] - truth
-        both = *map(wrap_signed, off), found.heading_error
-        parts.append(np.stack(both)[:, (found.report > 1) & (found.report < 13)])
+        flight = flown(turn(begin, begin + lasts, size), noise=50.0, seed=seed, wind=20.0 + 10.0j)
+        estimate = estimated(flight)
+        truth = flight["truth"][estimate.report]
+        off = estimate.heading - truth, flight["parabola"][estimate.report] - truth
+        inside = *map(wrap_signed, off), estimate.heading_error
+        parts.append(np.stack(inside)[:, (estimate.report > 1) & (estimate.report < 13)])
     error, parabola, stated = np.concatenate(parts, axis=1)
     assert rms(error) < 0.4 * rms(parabola)
     assert np.mean(np.abs(error) > 2.0 * stated) < 0.05
 
 
 def test_straight_flight_is_unchanged_except_at_its_ends():
-    made = flown(turn(0, 1, 0.0) + 0.7, wind=5.0 + 5.0j)
-    found = estimated(made)
-    np.testing.assert_array_equal(found.report, [0, 14])
-    np.testing.assert_allclose(found.heading, 0.7, atol=np.radians(0.1))
-    np.testing.assert_allclose(found.airspeed, SPEED, rtol=1e-3)
+    flight = flown(turn(0, 1, 0.0) + 0.7, wind=5.0 + 5.0j)
+    estimate = estimated(flight)
+    np.testing.assert_array_equal(estimate.report, [0, 14])
+    np.testing.assert_allclose(estimate.heading, 0.7, atol=np.radians(0.1))
+    np.testing.assert_allclose(estimate.airspeed, SPEED, rtol=1e-3)
 
 
 def test_the_estimate_of_a_flight_does_not_depend_on_other_flights():
-    one, two = flown(turn(400, 460, 70.0), noise=50.0), flown(turn(300, 330, -40.0), noise=50.0)
+    single, two = flown(turn(400, 460, 70.0), noise=50.0), flown(turn(300, 330, -40.0), noise=50.0)
     parts = ("leg", "wind", "straight")
-    both = {name: tuple(map(np.concatenate, zip(one[name], two[name]))) for name in parts}  # noqa: B905
-    both["seconds"] = np.r_[one["seconds"], two["seconds"] + 5000.0]
-    both["flight"] = np.r_[one["flight"], two["flight"] + 1]
-    alone, together = estimated(two), estimated(both)
+    joint = {name: tuple(map(np.concatenate, zip(single[name], two[name]))) for name in parts}  # noqa: B905
+    joint["seconds"] = np.r_[single["seconds"], two["seconds"] + 5000.0]
+    joint["flight"] = np.r_[single["flight"], two["flight"] + 1]
+    alone, together = estimated(two), estimated(joint)
     later = together.report >= 15
     np.testing.assert_array_equal(together.report[later] - 15, alone.report)
     for name in ("heading", "airspeed", "heading_error", "airspeed_error"):
@@ -304,17 +304,17 @@ def flights_with_one_turn():
         at = np.arange(0, 900, int(STEP))
         turn = np.r_[np.nan, wrap_signed(np.diff(np.angle(np.diff(place[at])))), np.nan]
         seen = np.arctan(TAS * turn / STEP / GRAVITY)
-        true, which = side * BANK * turning[at], np.full(at.size, number)
-        parts.append((seen, true, which, time[at], place[at].real, place[at].imag))
+        true, flight = side * BANK * turning[at], np.full(at.size, number)
+        parts.append((seen, true, flight, time[at], place[at].real, place[at].imag))
     return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
 
 def test_mean_bank_comes_from_the_angle_turned_and_the_time_flagged():
     seen, true, flight, time, latitude, longitude = flights_with_one_turn()
     flag = np.where(np.abs(true) > LIMIT, 2, 1)
-    found = bank_at_reports(seen, flag, flight, time, latitude=latitude, longitude=longitude)
+    bank = bank_at_reports(seen, flag, flight, time, latitude=latitude, longitude=longitude)
     banked = flag == 2
     assert np.abs(seen[banked]).mean() < 0.8 * np.radians(10.0)
-    np.testing.assert_allclose(np.abs(found[banked]).mean(), np.radians(10.0), rtol=0.15)
-    np.testing.assert_array_equal(np.sign(found[banked]), np.sign(true[banked]))
-    assert np.nanmax(np.abs(found[~banked])) < 0.2 * LIMIT
+    np.testing.assert_allclose(np.abs(bank[banked]).mean(), np.radians(10.0), rtol=0.15)
+    np.testing.assert_array_equal(np.sign(bank[banked]), np.sign(true[banked]))
+    assert np.nanmax(np.abs(bank[~banked])) < 0.2 * LIMIT

@@ -44,7 +44,7 @@ NODES = 4
 # Error of a leg's air vector in addition to that of its fixes: coded winds, gusts; m s-1.
 WANDER = 0.7
 # Change of direction between two legs, beyond three standard errors, that is a turn, rad.
-SEEN = float(np.radians(2.0))
+LEAST_TURN = float(np.radians(2.0))
 # Median bank of a turn, and the spread of its logarithm.
 BANK, BANK_SPREAD = float(np.radians(12.0)), 0.7
 FLAGGED = float(np.radians(5.0))  # Bank at which the roll flag turns bad, rad
@@ -135,7 +135,7 @@ def _near_turn(legs: _Legs) -> Mask:
     """Reports next to a bend of the path or banked, and the first and last of every flight."""
     size = legs.seconds.size
     bend = np.zeros(size, bool)
-    error = 3.0 * np.hypot(legs.error[1:], legs.error[:-1]) + SEEN
+    error = 3.0 * np.hypot(legs.error[1:], legs.error[:-1]) + LEAST_TURN
     change = np.abs(wrap_signed(np.diff(legs.direction)))
     bend[1:] = np.nan_to_num(change) > np.nan_to_num(error, nan=np.inf)
     near = bend.copy()
@@ -150,11 +150,11 @@ def _near_turn(legs: _Legs) -> Mask:
 class _Window(NamedTuple):
     """The legs around some reports; leg ``REACH`` is the one that begins at the report."""
 
-    there: Mask  # (m, 4)
+    present: Mask  # whether there is a leg, (m, 4)
     times: Array  # of the fixes since the report, (m, 5) s; a mean leg further where none is
     base: Array  # direction of a leg adjacent to the report, (m,) rad
-    off: Array  # directions from there, turned through the legs between, (m, 4) rad
-    weight: Array  # one over the variance of `off`, (m, 4); 0 where there is no leg
+    offset: Array  # directions from the base, turned through the legs between, (m, 4) rad
+    weight: Array  # one over the variance of `offset`, (m, 4); 0 where there is no leg
     speed: Array  # (m, 4) m s-1; 0 where there is no leg
     roll: Index  # (m, 5)
 
@@ -164,10 +164,10 @@ class _Window(NamedTuple):
         return np.diff(self.times, axis=1)
 
     @property
-    def seen(self) -> Array:
+    def turn(self) -> Array:
         """Turn between the legs, (m,) rad."""
-        off = np.where(self.there, self.off, 0.0)
-        return np.asarray(off.max(axis=1) - off.min(axis=1))
+        offset = np.where(self.present, self.offset, 0.0)
+        return np.asarray(offset.max(axis=1) - offset.min(axis=1))
 
 
 def _window(index: Index, legs: _Legs) -> _Window:
@@ -203,7 +203,7 @@ def _window(index: Index, legs: _Legs) -> _Window:
     speed = np.where(there, legs.speed[leg], 0.0)
     roll = np.where(same, legs.roll[fix], ROLL["missing"])
     window = _Window(there, times, base, off, np.zeros(leg.shape), speed, roll)
-    spread = np.where(there, legs.error[leg], 1.0) ** 2 + (MISFIT * window.seen[:, None]) ** 2
+    spread = np.where(there, legs.error[leg], 1.0) ** 2 + (MISFIT * window.turn[:, None]) ** 2
     return window._replace(weight=np.where(there, 1.0 / spread, 0.0))
 
 
@@ -263,14 +263,14 @@ class _Fitted(NamedTuple):
     """Course before, turn and heading of every hypothesis, and its probability; (m, h)."""
 
     turn: Single
-    off: Single  # heading at the report from the window's base, rad
+    offset: Single  # heading at the report from the window's base, rad
     variance: Single  # of the heading, rad2
     probability: Single
     straight: Array  # probability of no turn, (m,)
 
 
 def _fit_hypotheses(window: _Window, turns: _Turns) -> _Fitted:
-    weight, off = window.weight, window.off
+    weight, off = window.weight, window.offset
     s = weight.sum(axis=1)[:, None].astype(np.float32)
     sy = (weight * off).sum(axis=1)[:, None].astype(np.float32)
     syy = (weight * off**2).sum(axis=1)[:, None].astype(np.float32)
@@ -289,7 +289,7 @@ def _fit_hypotheses(window: _Window, turns: _Turns) -> _Fitted:
     misfit = syy - before * sy - turn * sgy
     log = -0.5 * (misfit + np.log(determinant)) - np.float32(np.log(TURN))
     log += _prior(window, turns, turn)
-    inside = window.there[:, REACH - 1] & window.there[:, REACH]
+    inside = window.present[:, REACH - 1] & window.present[:, REACH]
     none = -0.5 * (syy - sy * sy / s + np.log(s))[:, 0]
     none += np.log(np.where(inside, STRAIGHT, STRAIGHT_AT_END))
     flags = window.roll[:, REACH - 1 : REACH + 2] == ROLL["bad"]
@@ -309,7 +309,7 @@ def _fit_hypotheses(window: _Window, turns: _Turns) -> _Fitted:
 
 
 def _prior(window: _Window, turns: _Turns, turn: Single) -> Single:
-    number = np.maximum(window.there.sum(axis=1), 1)
+    number = np.maximum(window.present.sum(axis=1), 1)
     speed = (window.speed.sum(axis=1) / number)[:, None].astype(np.float32)
     bank = np.arctan(np.abs(turn) / turns.length * speed / np.float32(GRAVITY))
     # rad: zero has no logarithm; straight flight is a separate hypothesis
@@ -333,10 +333,10 @@ def _estimates(index: Index, legs: _Legs, assumed: tuple[Array, ...]) -> tuple[A
     straight_heading, straight_speed, straight_heading_error, straight_speed_error = assumed
     straight, turned = fit.straight, 1.0 - fit.straight
     offset = wrap_signed(straight_heading - window.base)
-    mean = (fit.probability * fit.off).sum(axis=1) + straight * offset
-    variance = (fit.probability * ((fit.off - mean[:, None]) ** 2 + fit.variance)).sum(axis=1)
+    mean = (fit.probability * fit.offset).sum(axis=1) + straight * offset
+    variance = (fit.probability * ((fit.offset - mean[:, None]) ** 2 + fit.variance)).sum(axis=1)
     variance += straight * (straight_heading_error**2 + (offset - mean) ** 2)
-    variance += (SHAPE * window.seen * turned) ** 2
+    variance += (SHAPE * window.turn * turned) ** 2
     speed, speed_error = _airspeed(window, turns, fit)
     airspeed = turned * speed + straight * straight_speed
     speed_variance = turned * (speed_error**2 + (speed - airspeed) ** 2)
@@ -359,11 +359,11 @@ def _airspeed(window: _Window, turns: _Turns, fit: _Fitted) -> tuple[Array, Arra
         longer = 1.0 / np.maximum(short, SHORTEST)
         factor = (fit.probability * longer).sum(axis=1) / turned
         spread = (fit.probability * (longer - factor[:, None]) ** 2).sum(axis=1) / turned
-        weight = np.where(window.there[:, k], 1.0 / window.duration[:, k], 0.0)
+        weight = np.where(window.present[:, k], 1.0 / window.duration[:, k], 0.0)
         total += weight * window.speed[:, k] * factor
         doubt += weight * (window.speed[:, k] ** 2 * spread + WANDER**2)
         share += weight
-        lengths.append(np.where(window.there[:, k], window.speed[:, k] * factor, np.nan))
+        lengths.append(np.where(window.present[:, k], window.speed[:, k] * factor, np.nan))
     speed = total / share
     change = np.nan_to_num(lengths[1] - lengths[0])  # acceleration, at an unknown time
     # uniform over the change: a twelfth of its square

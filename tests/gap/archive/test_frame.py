@@ -58,15 +58,15 @@ def test_values_are_si_and_radians(archive):
 
 def test_longitudes_are_continuous_across_the_antimeridian(archive):
     """Shifted to the antimeridian, an archive has the same differences of longitude."""
-    moved = archive.copy(deep=True)
+    shifted = archive.copy(deep=True)
     turn = 180.0 - float(archive.longitude.mean())
-    moved["longitude"].values[:] = np.mod(archive.longitude + turn + 180.0, 360.0) - 180.0
-    assert moved.longitude.min() < -90 < 90 < moved.longitude.max()
-    here, there = (Frame.from_headings(ds, reference="ruc") for ds in (archive, moved))
+    shifted["longitude"].values[:] = np.mod(archive.longitude + turn + 180.0, 360.0) - 180.0
+    assert shifted.longitude.min() < -90 < 90 < shifted.longitude.max()
+    base, there = (Frame.from_headings(ds, reference="ruc") for ds in (archive, shifted))
     np.testing.assert_allclose(
-        there.longitude - there.longitude.mean(), here.longitude - here.longitude.mean(), atol=1e-9
+        there.longitude - there.longitude.mean(), base.longitude - base.longitude.mean(), atol=1e-9
     )
-    west = moved.assign(longitude=-abs(moved.longitude))
+    west = shifted.assign(longitude=-abs(shifted.longitude))
     assert Frame.from_headings(west, reference="ruc", meridian=179.0).longitude.min() > 180.0
 
 
@@ -173,9 +173,9 @@ def test_acceleration_after_levelling_off_from_longer_chords():
     gain = fit_levelling(*_flights(1500, np.random.default_rng(3)))
     assert gain is not None
     assert fit_levelling(*_flights(20, np.random.default_rng(3))) is None  # too few
-    found = np.interp([10.0, 50.0, 90.0, 200.0], [0, 20, 40, 65, 100, 150, 210], gain)
+    fitted = np.interp([10.0, 50.0, 90.0, 200.0], [0, 20, 40, 65, 100, 150, 210], gain)
     truth = 0.3 * np.exp(-np.maximum(np.array([10.0, 50.0, 90.0, 200.0]) - 30, 0) / 45)
-    np.testing.assert_allclose(found, truth, atol=0.06)
+    np.testing.assert_allclose(fitted, truth, atol=0.06)
 
 
 def test_acceleration_is_the_fleets_profile_and_not_the_reports_noise():
@@ -189,9 +189,9 @@ def test_acceleration_is_the_fleets_profile_and_not_the_reports_noise():
         400,
     )
     true = np.choose(phase, [0.0, 0.06 - 0.02 * (11.5 - level), 0.0, -0.05])
-    found = expected_acceleration(true + rng.normal(0, 0.05, phase.size), level, phase, flight)
+    estimate = expected_acceleration(true + rng.normal(0, 0.05, phase.size), level, phase, flight)
     steady = phase != 2
-    np.testing.assert_allclose(found[steady], true[steady], atol=0.006)
+    np.testing.assert_allclose(estimate[steady], true[steady], atol=0.006)
 
 
 @pytest.fixture(scope="module")
@@ -231,11 +231,11 @@ def test_constant_values_are_no_variable(three_days):
 @pytest.fixture(scope="module")
 def turning():
     """Two flights of a report a minute: north, east from the fourth on, west from the seventh."""
-    made = make_frame(seed=1, aircraft=1, days=2).take(np.arange(20))
+    frame = make_frame(seed=1, aircraft=1, days=2).take(np.arange(20))
     track = np.radians(np.tile([0.0, 0, 0, 90, 90, 90, -30, -30, -30, -35], 2))
     flight = np.repeat([1, 2], 10)
     return replace(
-        made,
+        frame,
         flight=flight,
         time=60.0 * np.arange(20) + 7200.0 * flight,
         ground_u=100 * np.sin(track),
@@ -261,7 +261,7 @@ def test_turn_of_the_last_two_minutes_last_turn_and_flight_time(turning):
 
 
 @pytest.fixture(scope="module")
-def plain():
+def exact():
     return make_frame(seed=4, aircraft=4, days=14, noise=1.5)
 
 
@@ -284,12 +284,12 @@ def stepped(frame, step, tails, *, true_north=False, spread=0.0, seed=0):
 
 @pytest.mark.parametrize("true_north", [False, True])
 @pytest.mark.parametrize(("step", "spread"), [(2.0, 0.2), (10.0, 1.0), (30.0, 1.0)])
-def test_steps_and_their_north_are_found(plain, step, spread, true_north):
-    frame = stepped(plain, step, [1], true_north=true_north, spread=spread)
-    found = heading_lattices(frame)[1]
-    assert found is not None
-    assert (found.step, found.true_north) == (step, true_north)
-    assert found.evidence > 100.0
+def test_steps_and_their_north_are_found(exact, step, spread, true_north):
+    frame = stepped(exact, step, [1], true_north=true_north, spread=spread)
+    lattice = heading_lattices(frame)[1]
+    assert lattice is not None
+    assert (lattice.step, lattice.true_north) == (step, true_north)
+    assert lattice.evidence > 100.0
     assert heading_lattices(frame)[0] is None
 
 
@@ -299,61 +299,61 @@ def test_unrounded_headings_have_no_lattice(seed):
     assert heading_coding(frame) is None
 
 
-def test_a_few_courses_are_no_lattice(plain):
+def test_a_few_courses_are_no_lattice(exact):
     """Six flights on one course each, on whole tens by chance, are too few."""
-    rows = np.flatnonzero(np.isin(plain.flight, np.unique(plain.flight)[:6]))
-    few = plain.take(rows)
+    rows = np.flatnonzero(np.isin(exact.flight, np.unique(exact.flight)[:6]))
+    few = exact.take(rows)
     straight = replace(few, magnetic_heading=np.radians(10.0 * (few.flight % 6)))
     assert not any(heading_lattices(straight))
 
 
-def test_diagnosis_states_step_and_closure(plain):
-    frame = stepped(plain, 5.0, [0, 2], spread=0.3)
+def test_diagnosis_states_step_and_closure(exact):
+    frame = stepped(exact, 5.0, [0, 2], spread=0.3)
     catalogue = {"heading_coding": CATALOGUE["heading_coding"]}
     report = diagnose(frame, catalogue=catalogue, dictionary=False).report
     (effect,) = report.effects
     assert effect.name == "heading_coding"
-    assert effect.tails == [plain.tails[0], plain.tails[2]]
+    assert effect.tails == [exact.tails[0], exact.tails[2]]
     assert effect.parameters == {"step_deg": 5.0, "true_north": None}
-    true = (np.hypot(*frame.residual.T).mean() - np.hypot(*plain.residual.T).mean()) / 0.514444
+    true = (np.hypot(*frame.residual.T).mean() - np.hypot(*exact.residual.T).mean()) / 0.514444
     low, high = report.closure.reduction_ci
     assert low < true < high
     assert report.closure.reduction == pytest.approx(true, rel=0.25)
 
 
 @pytest.mark.parametrize("true_north", [False, True])
-def test_simulated_winds_have_the_steps_found(plain, true_north):
-    frame = stepped(plain, 15.0, [1], true_north=true_north)
-    assert [one is not None for one in heading_lattices(frame)] == [False, True, False, False]
-    u, v = Coding.as_found(frame).apply(plain.u_rep, plain.v_rep)
+def test_simulated_winds_have_the_steps_found(exact, true_north):
+    frame = stepped(exact, 15.0, [1], true_north=true_north)
+    assert [x is not None for x in heading_lattices(frame)] == [False, True, False, False]
+    u, v = Coding.as_found(frame).apply(exact.u_rep, exact.v_rep)
     affected = frame.aircraft == 1
-    flown = np.hypot(plain.ground_u - plain.u_rep, plain.ground_v - plain.v_rep)
+    flown = np.hypot(exact.ground_u - exact.u_rep, exact.ground_v - exact.v_rep)
     sent = np.hypot(frame.ground_u - u, frame.ground_v - v)
     np.testing.assert_allclose(sent, flown, atol=1e-9)
     heading = np.arctan2(frame.ground_u - u, frame.ground_v - v)
     north = 0.0 if true_north else frame.declination
     steps = np.degrees(heading - north)[affected] / 15.0
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
-    without_steps = Coding.of_archive(frame).apply(plain.u_rep, plain.v_rep)
+    without_steps = Coding.of_archive(frame).apply(exact.u_rep, exact.v_rep)
     np.testing.assert_allclose(
         np.stack([u, v])[:, ~affected], np.stack(without_steps)[:, ~affected], atol=1e-9
     )
 
 
-def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(plain):
-    made = diagnose(stepped(plain, 15.0, [1])).report
-    assert [effect.name for effect in made.effects] == ["heading_coding"]
-    assert not [place for place in made.unknown.where if place.component == "scatter"]
+def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(exact):
+    report = diagnose(stepped(exact, 15.0, [1])).report
+    assert [effect.name for effect in report.effects] == ["heading_coding"]
+    assert not [place for place in report.unknown.where if place.component == "scatter"]
 
 
 @pytest.mark.parametrize(("step", "share"), [(2.0, 0.02), (2.0, 0.05), (5.0, 0.0), (15.0, 0.0)])
-def test_gross_errors_are_distinguished_from_steps(plain, step, share):
+def test_gross_errors_are_distinguished_from_steps(exact, step, share):
     rng = np.random.default_rng(3)
-    frame = stepped(plain, step, [1])
+    frame = stepped(exact, step, [1])
     hit = (rng.random(frame.size) < share) & (frame.aircraft == 1)
     error = hit[:, None] * rng.normal(0, 15, (frame.size, 2))
     frame = replace(frame, u_rep=frame.u_rep + error[:, 0], v_rep=frame.v_rep + error[:, 1])
-    noise = fit_noise(plain.residual, exogenous(plain))
+    noise = fit_noise(exact.residual, exogenous(exact))
     gross = gross_errors(frame.residual, noise.order)
     effect = outliers(frame, frame.residual, replace(noise, gross=gross))
     assert (effect is not None) == (share > 0)
@@ -362,9 +362,9 @@ def test_gross_errors_are_distinguished_from_steps(plain, step, share):
         assert effect.parameters["fraction"] == pytest.approx(share, rel=0.4)
 
 
-def test_coarse_headings_have_a_larger_uncertainty(plain):
-    frame = stepped(plain, 10.0, [1])
-    more = heading_doubt(frame, frame) ** 2 - heading_doubt(plain, plain) ** 2
+def test_coarse_headings_have_a_larger_uncertainty(exact):
+    frame = stepped(exact, 10.0, [1])
+    more = heading_doubt(frame, frame) ** 2 - heading_doubt(exact, exact) ** 2
     affected = frame.aircraft == 1
     assert np.allclose(more[~affected], 0.0)
     rounding = np.radians(10.0) / np.sqrt(12.0) * frame.airspeed[affected].mean()
@@ -376,13 +376,13 @@ def test_directions_of_weak_winds_in_steps():
     speed, direction = rng.uniform(0, 20, 2000), np.round(rng.uniform(0, 360, 2000))
     direction = np.where(speed < 3.0, 30.0 * np.round(direction / 30.0), direction)
     angle = np.radians(direction)
-    found = direction_lattice(speed * np.sin(angle), speed * np.cos(angle))
-    assert (found.step, found.share) == (30.0, pytest.approx(1.0, abs=0.02))
-    assert found.below == pytest.approx(3.0, abs=0.1)
+    lattice = direction_lattice(speed * np.sin(angle), speed * np.cos(angle))
+    assert (lattice.step, lattice.share) == (30.0, pytest.approx(1.0, abs=0.02))
+    assert lattice.below == pytest.approx(3.0, abs=0.1)
     direction = np.radians(rng.uniform(0, 360, 2000))  # the weakest report may lie on any lattice
     for first in range(0, 2000, 100):
-        part = slice(first, first + 100)
-        u, v = speed[part] * np.sin(direction[part]), speed[part] * np.cos(direction[part])
+        rows = slice(first, first + 100)
+        u, v = speed[rows] * np.sin(direction[rows]), speed[rows] * np.cos(direction[rows])
         assert direction_lattice(u, v) is None
 
 
@@ -399,12 +399,12 @@ def test_long_archives_are_represented_by_whole_flights_of_dense_days(days, kept
             "row_size": ("aircraft", np.full(4, 15_000)),
         }
     )
-    found = sampled(archive, 15_000)
-    assert found.sizes["report"] == pytest.approx(15_000, rel=0.1)
-    assert found["row_size"].sum() == found.sizes["report"]
-    assert (np.unique(found["flight"], return_counts=True)[1] == 5).all()
+    drawn = sampled(archive, 15_000)
+    assert drawn.sizes["report"] == pytest.approx(15_000, rel=0.1)
+    assert drawn["row_size"].sum() == drawn.sizes["report"]
+    assert (np.unique(drawn["flight"], return_counts=True)[1] == 5).all()
     ends = np.timedelta64(int(end_of_day(seconds)), "s")
-    used = np.unique((found["time"].to_numpy() - ends).astype("datetime64[D]"))
+    used = np.unique((drawn["time"].to_numpy() - ends).astype("datetime64[D]"))
     assert used.size == pytest.approx(kept_days, rel=0.1, abs=2)
     assert np.ptp(used) > np.timedelta64(int(0.95 * days), "D") - np.timedelta64(2, "D")
     assert sampled(archive, 60_000) is archive

@@ -36,19 +36,19 @@ def test_the_prior_of_sets_of_aircraft_sums_to_one():
 
 
 def test_evidence_of_one_aircraft_of_the_fleet_and_of_what_lasts_in_the_reference():
-    one = np.where(np.arange(8) == 3, 0.8, 0.0)
-    found = static_evidence(statistics(one, 400.0), 1.0, "af")
-    assert found["a"].tails == (3,)
-    assert found["a"].evidence > found["f"].evidence + 10
+    estimate = np.where(np.arange(8) == 3, 0.8, 0.0)
+    evidence = static_evidence(statistics(estimate, 400.0), 1.0, "af")
+    assert evidence["a"].tails == (3,)
+    assert evidence["a"].evidence > evidence["f"].evidence + 10
     # 0.8 m/s at a variance of 1 / 400 + 0.03^2 is 94 nats, less what scales and sets cost
-    assert 70 < found["a"].evidence < 94
-    found = static_evidence(statistics(np.full(8, 0.9), 400.0), 1.0, "af")
-    assert found["f"].evidence > found["a"].evidence
+    assert 70 < evidence["a"].evidence < 94
+    evidence = static_evidence(statistics(np.full(8, 0.9), 400.0), 1.0, "af")
+    assert evidence["f"].evidence > evidence["a"].evidence
     # 0.1 m/s on all aircraft is usual whatever the number of reports
     assert static_evidence(statistics(np.full(8, 0.1), 1e6), 1.0, "f")["f"].evidence < 0
     # the remainder of an effect of 1 m/s with columns of reliability 0.8 has 0.5 m/s rms
-    exact = statistics(one * 0.5 / 0.8, 400.0)
-    inexact = replace(exact, remainder=np.where(one > 0, 0.25, 0.0))
+    exact = statistics(estimate * 0.5 / 0.8, 400.0)
+    inexact = replace(exact, remainder=np.where(estimate > 0, 0.25, 0.0))
     assert static_evidence(exact, 1.0, "a")["a"].tails == (3,)
     assert static_evidence(inexact, 1.0, "a")["a"].tails == ()
     # an aircraft that has the effect by a term in the model has no second one
@@ -115,10 +115,10 @@ def test_a_name_in_two_scopes_is_one_claim_and_a_dated_one_another():
         term("compass_drift", start={0: 4}),
         term("compass_drift"),
     ]
-    found = claims_of(terms)
-    assert [claim.terms for claim in found] == [(1, 2), (3,), (4,), (0,)]
-    assert [claim.named for claim in found] == [True, True, True, False]
-    assert found[0].score == 30.0
+    claims = claims_of(terms)
+    assert [claim.terms for claim in claims] == [(1, 2), (3,), (4,), (0,)]
+    assert [claim.named for claim in claims] == [True, True, True, False]
+    assert claims[0].score == 30.0
 
 
 def curve(values, name="temperature"):

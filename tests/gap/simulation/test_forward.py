@@ -105,8 +105,8 @@ def test_wind_is_coded_in_steps(archive):
         wind_speed_resolution=np.full(3, np.nan),
         wind_direction_resolution=np.full(3, np.nan),
     )
-    plain = simulate(unknown, coding=Coding.of_archive(unknown))
-    np.testing.assert_allclose(plain.u_rep, archive.u_ref, atol=1e-9)
+    uncoded = simulate(unknown, coding=Coding.of_archive(unknown))
+    np.testing.assert_allclose(uncoded.u_rep, archive.u_ref, atol=1e-9)
 
 
 def test_noise_has_the_stated_correlation_and_factors_of_direction(archive):
@@ -125,15 +125,15 @@ def test_noise_has_the_stated_correlation_and_factors_of_direction(archive):
     draw = isotropic.reshape(3000, 12, 2)
     np.testing.assert_allclose((draw**2).mean(axis=(0, 2)), 5.0, rtol=0.1)
     for lag in (1, 3, 6):
-        found = np.mean(draw[:, lag:] * draw[:, :-lag])
-        assert found == pytest.approx(4.0 * np.exp(-lag / 3.0), abs=0.12)
+        product = np.mean(draw[:, lag:] * draw[:, :-lag])
+        assert product == pytest.approx(4.0 * np.exp(-lag / 3.0), abs=0.12)
     assert np.mean(draw[:, :, 0] * draw[:, :, 1]) == pytest.approx(0.0, abs=0.1)
     assert np.mean(draw[1:] * draw[:-1]) == pytest.approx(0.0, abs=0.1)  # other flights
     draw = draw_noise(frame, replace(noise, along=0.6, across=1.28), rng=np.random.default_rng(1))
     along = np.stack([np.sin(frame.heading), np.cos(frame.heading)], -1)
     across = np.stack([along[:, 1], -along[:, 0]], -1)
     for direction, factor in ((along, 0.6), (across, 1.28)):
-        scaled, before = ((one * direction).sum(axis=1) for one in (draw, isotropic))
+        scaled, before = ((error * direction).sum(axis=1) for error in (draw, isotropic))
         np.testing.assert_allclose(scaled, factor * before, atol=1e-12)
 
 
@@ -254,8 +254,8 @@ def fits(status=STATUS["ok"]):
 
 
 def test_effects_of_a_fitted_curve_by_hand():
-    found = effects_of_fits(fits(), reference="ruc")
-    names = [(one.name, one.tails) for one in found]
+    effects = effects_of_fits(fits(), reference="ruc")
+    names = [(effect.name, effect.tails) for effect in effects]
     assert names == [
         ("compass_offset", ("N401",)),
         ("hard_iron", ("N401",)),
@@ -264,12 +264,12 @@ def test_effects_of_a_fitted_curve_by_hand():
         ("compass_offset", ("N402",)),
         ("hard_iron", ("N402",)),
     ]
-    iron = found[1].parameters
+    iron = effects[1].parameters
     # 3 sin m + 4 cos m = 5 sin(m + atan2(4, 3))
     assert iron["amplitude_deg"] == pytest.approx(5.0)
     assert iron["phase_deg"] == pytest.approx(np.degrees(np.arctan2(4, 3)))
     assert iron["at_horizontal_field_nT"] == 18000.0
-    assert found[3].parameters["scale_percent"] == pytest.approx(1.0)
+    assert effects[3].parameters["scale_percent"] == pytest.approx(1.0)
 
 
 def test_the_removed_curve_is_the_fitted_curve():
@@ -313,8 +313,8 @@ def test_the_same_paths_match_report_by_report():
     frame = frames.frame()
     ds = stronger()
     minutes = ds.time.values.astype("datetime64[m]").astype("datetime64[ns]")
-    for each in (ds.assign(time=("report", minutes)), ds):
-        matched = match_reports(frame, each)
+    for reports in (ds.assign(time=("report", minutes)), ds):
+        matched = match_reports(frame, reports)
         assert matched.found.all() and matched.same_paths
         assert matched.u == pytest.approx(frame.u_rep + 1.0)
     against = with_simulated_wind(frame, matched)

@@ -27,13 +27,13 @@ LOG = logging.getLogger(__name__)
 REPRESENTS = 0.96
 #: Largest standard error of a coefficient of `usual_sizes`, m/s; fewest of them; median
 #: of chi squared with one degree of freedom.
-KNOWN_TO, FEW, CHI_SQUARED_MEDIAN = 0.15, 20, 0.455
+MAX_ERROR, MIN_NUMBER, CHI_SQUARED_MEDIAN = 0.15, 20, 0.455
 #: Days below which fleet-wide effects cannot be separated from the weather of those days.
 DAYS = 3
 #: Names and tables in a contest, the best of each by the screening score.
 NAMES, TABLES = 12, 6
 #: Most terms, rounds of replacement after an addition, and names that represent a table together.
-MOST, ROUNDS, TOGETHER = 8, 2, 3
+MAX_TERMS, ROUNDS, MAX_NAMES = 8, 2, 3
 #: Other lever of each component, and times the usual number of knots.
 LEVERS = {
     "heading_angle": "across_heading",
@@ -45,7 +45,7 @@ FINER = 2
 #: Cells of each variable in a table of two.
 PAIRED = 7
 #: Log evidence of a table from which a second variable is sought.
-LEAST = 30.0
+REFINED_FROM = 30.0
 
 
 def screen(model: Model, groups: Sequence[Group] | None = None) -> list[Term]:
@@ -99,14 +99,14 @@ def _directions(information: Floats, score: Floats, factor: float) -> tuple[Floa
     """Squared coefficients along the axes of the information, and their variances."""
     values, vectors = np.linalg.eigh(information)
     turned = np.einsum("aji,aj->ai", vectors, score)
-    precise = values > factor / KNOWN_TO**2
+    precise = values > factor / MAX_ERROR**2
     return (turned[precise] / values[precise]) ** 2, factor / values[precise]
 
 
 def _median_variance(directions: Sequence[tuple[Floats, Floats]]) -> float:
     squares = np.concatenate([square for square, _ in directions]) if directions else np.zeros(0)
     noise = np.concatenate([variance for _, variance in directions]) if directions else np.zeros(0)
-    if squares.size < FEW:
+    if squares.size < MIN_NUMBER:
         return 0.0
     low, high = 0.0, 1.0
     for _ in range(30):
@@ -218,7 +218,7 @@ def _several_names(
     table, selected = tables[0], list[Term]()
     names = [group for group in model.sums.candidates.groups if group.named]
     freedom, total, first = 0, 0.0, None
-    for _ in range(TOGETHER):
+    for _ in range(MAX_NAMES):
         fitted = [*terms, *selected]
         if selected:
             model.condition(fitted)
@@ -334,7 +334,7 @@ def search(
     if terms and settled:
         terms = revisit(model, terms, 1)
     seen: set[frozenset[tuple[object, ...]]] = set()
-    for _ in range(MOST):
+    for _ in range(MAX_TERMS):
         ranking = contest(model, terms, screen(model))
         if not ranking:
             break
@@ -401,7 +401,7 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
 # ------------------------------------------------------------------------------------- refinement
 def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
     """Terms, on which the model is conditioned, with one of their tables refined."""
-    if term.group.named or term.group.dated or term.group.refined or term.score < LEAST:
+    if term.group.named or term.group.dated or term.group.refined or term.score < REFINED_FROM:
         return terms
     candidates = model.sums.candidates
     (name,) = term.group.variables
