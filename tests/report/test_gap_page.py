@@ -156,7 +156,7 @@ def test_the_page_has_every_section_and_folds_the_statistics(tmp_path, monkeypat
         "p value of the gap",
         "<details><summary>Assumptions",
         "<details><summary>Noise model",
-        "<details><summary>Calibration on held-out flights",
+        "<details><summary>Calibration on held-out days",
     ):
         assert part in text, part
 

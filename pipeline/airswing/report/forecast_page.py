@@ -40,7 +40,7 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
     parts: list[Markup] = []
     show = html.Figures()
     for variable in map(str, corrected["variable"].to_numpy()):
-        parts.append(html.heading(_plain(variable)))
+        parts.append(html.heading(_words(variable)))
         if corrected.sizes["lead"] > 1:
             parts.append(show("leads", _by_lead_figure(corrected, variable)))
         if corrected.sizes["station"] > 1:
@@ -68,13 +68,13 @@ def forecast_headline(corrected: xr.Dataset) -> str:
         before, after = (float(rms.sel(correction=method)) for method in ("raw", "kalman"))
         unit = str(corrected["variable_units"].sel(variable=name).item())
         if np.isfinite(before):
-            parts.append(f"of {_plain(name)} from {before:.2f} to {after:.2f} {unit}".rstrip())
+            parts.append(f"of {_words(name)} from {before:.2f} to {after:.2f} {unit}".rstrip())
     if not parts:
         return "No held-out day has a pair to score the corrected forecasts."
     return f"On held-out days the filter changed the rms error {', '.join(parts)}."
 
 
-def _plain(variable: object) -> str:
+def _words(variable: object) -> str:
     return str(variable).replace("_", " ")
 
 
@@ -82,11 +82,11 @@ def _scores_section(corrected: xr.Dataset) -> html.Section:
     titles = dict(zip(SCORES, ("bias", "centred rms", "rms", "skill"), strict=True))
     rows = []
     for variable, period, method in product(corrected["variable"].values, _PERIODS, METHODS):
-        one = corrected.sel(variable=variable, period=period, correction=method)
-        row = {"variable": _plain(variable), "days": _PERIODS[period], "forecast": NAMES[method]}
+        selected = corrected.sel(variable=variable, period=period, correction=method)
+        row = {"variable": _words(variable), "days": _PERIODS[period], "forecast": NAMES[method]}
         for name, title in titles.items():
-            row[title] = amount(one[name], one[f"{name}_interval"].to_numpy())
-        rows.append(row | {"pairs": int(one["pair_count"])})
+            row[title] = amount(selected[name], selected[f"{name}_interval"].to_numpy())
+        rows.append(row | {"pairs": int(selected["pair_count"])})
     caption = (
         "Scores over all stations and leads, in the variable's unit, with 95 % intervals by blocks "
         "of days. Skill: one minus the mean square error over the raw forecast's. Grey italics: "
@@ -101,14 +101,14 @@ def _scores_section(corrected: xr.Dataset) -> html.Section:
 def _notes_section(corrected: xr.Dataset) -> html.Section:
     lines = []
     for name in corrected["variable"].to_numpy():
-        chosen = corrected.sel(variable=name)
-        how = "given, or the default with too few days"
-        if int(chosen["ratio_chosen"]):
-            how = "least mean square error on the training days"
-        what = f"left unchanged ({how}: no ratio has a smaller one)"
-        if ratio := float(chosen["ratio"]):
-            what = f"ratio {ratio:g} ({how})"
-        lines.append(f"{_plain(name)}: {what}")
+        selected = corrected.sel(variable=name)
+        basis = "given, or the default with too few days"
+        if int(selected["ratio_chosen"]):
+            basis = "least mean square error on the training days"
+        setting = f"left unchanged ({basis}: no ratio has a smaller one)"
+        if ratio := float(selected["ratio"]):
+            setting = f"ratio {ratio:g} ({basis})"
+        lines.append(f"{_words(name)}: {setting}")
     judged = plural(int(corrected["held_out"].sum()), "start")
     lines.append(f"{judged} of {corrected.sizes[TIME]:,} held out")
     for reason, number in tally(corrected, "lines_left_out").items():
@@ -127,7 +127,7 @@ def _with_unit(text: str, ds: xr.Dataset, variable: str) -> str:
 
 
 def _by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
-    chosen = scored.sel(variable=variable, period="held_out")
+    selected = scored.sel(variable=variable, period="held_out")
     figure, panels = html.panels(3.4, 1, 3, sharex=True)
     shown = {
         "forecast_error_mean": _with_unit("bias", scored, variable),
@@ -139,27 +139,27 @@ def _by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
             if name == "skill" and method == "raw":
                 continue
             look = html.series(index, markersize=3.5, label=NAMES[method])
-            one, band = chosen.sel(correction=method), Look(color=look["color"], alpha=0.15)
-            ends = one[f"{name}_by_lead_interval"].to_numpy().T
-            axes.fill_between(one["lead"], *ends, linewidth=0, **band)
-            axes.plot(one["lead"], one[f"{name}_by_lead"], **look)
+            scores, band = selected.sel(correction=method), Look(color=look["color"], alpha=0.15)
+            ends = scores[f"{name}_by_lead_interval"].to_numpy().T
+            axes.fill_between(scores["lead"], *ends, linewidth=0, **band)
+            axes.plot(scores["lead"], scores[f"{name}_by_lead"], **look)
         axes.set(title=label, xlabel="lead (h)")
         html.zero_line(axes, across=True)
     panels[0].legend(loc="best")
     return figure.say(
-        f"{_plain(variable)}: scores by lead on the days held out, 95 % intervals by days "
-        f"(n = {plural(int(chosen['pair_count']), 'pair')} of forecast and observation)."
+        f"{_words(variable)}: scores by lead on the days held out, 95 % intervals by days "
+        f"(n = {plural(int(selected['pair_count']), 'pair')} of forecast and observation)."
     )
 
 
 def _stations_figure(scored: xr.Dataset, variable: str) -> Figure:
-    chosen = scored.sel(variable=variable, correction="kalman")
-    skill = chosen["skill_by_station"].to_numpy()
+    selected = scored.sel(variable=variable, correction="kalman")
+    skill = selected["skill_by_station"].to_numpy()
     order = np.argsort(skill)[: np.isfinite(skill).sum()]  # NaN is last
     if not order.size:
         return html.empty_figure("No pair on the days held out")
     figure, axes = html.panels(3.2)
-    ends = chosen["skill_by_station_interval"].transpose("bound", "station")[:, order]
+    ends = selected["skill_by_station_interval"].transpose("bound", "station")[:, order]
     look, place = html.series(METHODS.index("kalman")), np.arange(1, order.size + 1)
     axes.vlines(place, *np.maximum(ends, -1.0), color=look["color"], alpha=0.35, linewidth=1.0)
     axes.plot(place, np.maximum(skill[order], -1.0), linestyle="", markersize=3, **look)
@@ -167,6 +167,6 @@ def _stations_figure(scored: xr.Dataset, variable: str) -> Figure:
     axes.set(ylim=(-1.05, 1.05), xlabel="station, by skill", ylabel="skill of the filter")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure.say(
-        f"{_plain(variable)} on the days held out: skill of the filter against the raw forecast "
+        f"{_words(variable)} on the days held out: skill of the filter against the raw forecast "
         f"at each station, 95 % intervals by days (n = {plural(order.size, 'station')})."
     )

@@ -153,7 +153,7 @@ def run_job(job: Job) -> Results:
                 corrected=corrected,
                 summary=summary,
                 evaluation=evaluation,
-                apart=apart,
+                disagreement=apart,
             )
             stage.note = str(page)
     return Results(job.output, headings, fits, corrected, evaluation, summary)

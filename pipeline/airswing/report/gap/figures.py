@@ -44,7 +44,7 @@ def gap_figures(gap: GapReport, maps: xr.Dataset) -> dict[str, Callable[[], Figu
         ("aircraft_time", "time_line" in maps, _aircraft_figure, maps, gap, "time_line"),
         ("pit", "pit_count" in maps, _pit_figure, maps),
     ]
-    return {name: partial(function, *given) for name, there, function, *given in entries if there}
+    return {name: partial(function, *args) for name, shown, function, *args in entries if shown}
 
 
 def _reports(gap: GapReport) -> str:
@@ -99,9 +99,9 @@ def _unknown_curve_figure(place: PlaceEntry) -> Figure:
         unit, factor = "kt", 1.0 / KNOT
     values = curve.values if curve.values is not None else curve.m_s
     value = factor * np.array(values, float)
-    colours = [BLUE if one >= 0 else ORANGE for one in np.nan_to_num(value)]
+    colours = [BLUE if level >= 0 else ORANGE for level in np.nan_to_num(value)]
     figure, axes = html.panels(2.9)
-    what = f"fitted residual ({unit})"
+    label = f"fitted residual ({unit})"
     if place.component == "reported_speed" and edges:
         simulated = factor * edges[0]
         axes.plot(simulated, simulated, color=INK, linewidth=0.8, linestyle="--")
@@ -110,7 +110,7 @@ def _unknown_curve_figure(place: PlaceEntry) -> Figure:
     elif len(edges) == 1 and edges[0].size == value.size + 1:
         axes.bar(edges[0][:-1], value, np.diff(edges[0]), align="edge", color=colours)
         html.zero_line(axes, across=True)
-        axes.set_ylabel(what)
+        axes.set_ylabel(label)
         _label_variable(axes.xaxis, curve, variables, edges, 0)
     elif len(edges) == 2:
         shown = value.reshape(edges[0].size - 1, edges[1].size - 1)
@@ -118,14 +118,14 @@ def _unknown_curve_figure(place: PlaceEntry) -> Figure:
         mesh = axes.pcolormesh(*edges, shown.T, cmap=html.DIVERGING, vmin=-most, vmax=most)
         for index, axis in enumerate((axes.xaxis, axes.yaxis)):
             _label_variable(axis, curve, variables, edges, index)
-        figure.colorbar(mesh, ax=axes, label=what)
+        figure.colorbar(mesh, ax=axes, label=label)
     else:
         names = curve.labels
         axes.bar(names, value, color=colours)
         html.zero_line(axes, across=True)
         axes.margins(x=max(0.05, 0.5 - 0.1 * value.size))
         axes.tick_params(axis="x", labelrotation=45 if len(names) > 8 else 0, labelsize=8.5)
-        axes.set_ylabel(what)
+        axes.set_ylabel(label)
     return figure.say(f"Fit of the unexplained error (n = {plural(int(value.size), 'value')}).")
 
 
@@ -133,10 +133,10 @@ def _label_variable(
     axis: Axis, curve: CurveEntry, variables: Sequence[str], every: Sequence[Floats], index: int
 ) -> None:
     """Name a variable with its unit; label categories by name, and full circles at the quarters."""
-    name, edges, known = variables[index], every[index], curve.variable_units or []
-    unit = known[index].replace("m/s2", "m/s²") if index < len(known) else ""
-    plain, names = name.replace("_", " "), _CATEGORIES.get(name, ())
-    axis.set_label_text(f"{plain} ({unit})" if unit and not names else plain)
+    name, edges, units = variables[index], every[index], curve.variable_units or []
+    unit = units[index].replace("m/s2", "m/s²") if index < len(units) else ""
+    label, names = name.replace("_", " "), _CATEGORIES.get(name, ())
+    axis.set_label_text(f"{label} ({unit})" if unit and not names else label)
     if names and edges.size == len(names) + 1:
         axis.set_ticks(0.5 * (edges[1:] + edges[:-1]), names)
     elif edges[0] == 0.0 and edges[-1] == 360.0:
@@ -164,7 +164,7 @@ def _aircraft_figure(maps: xr.Dataset, gap: GapReport, name: str) -> Figure:
     tails, dim = names_of(maps), "octant" if name == "heading_map" else "week"
     shown, centres = _cells(maps, name, "aircraft", dim), maps[dim].to_numpy().astype(float)
     limit = _even_limit(shown)
-    affected = {one for effect in gap.effects for one in effect.tails}
+    affected = {tail for effect in gap.effects for tail in effect.tails}
     figure, axes = html.panels(1.25 + max(0.19 * len(tails), 1.4))
     look = Look(cmap=html.DIVERGING, vmin=-limit, vmax=limit)
     x = centres if dim == "octant" else np.arange(centres.size, dtype=float)
@@ -208,14 +208,14 @@ def _phase_level_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
         for top, bottom in pairwise(bounds)
     ]
     ways = {"along": "along the heading", "cross": "across the heading"}
-    both = np.array([_cells(maps, f"level_map_{way}", "level", "phase") for way in ways])
-    filled = np.flatnonzero(np.isfinite(both[1]).any(axis=0))
-    both = both[:, ::-1, filled] / KNOT
-    limit = _even_limit(both, least=0.2)
+    residual = np.array([_cells(maps, f"level_map_{way}", "level", "phase") for way in ways])
+    filled = np.flatnonzero(np.isfinite(residual[1]).any(axis=0))
+    residual = residual[:, ::-1, filled] / KNOT
+    limit = _even_limit(residual, least=0.2)
     figure, panels = html.panels(1.4 + 0.36 * level.size, 1, 2, sharey=True)
     look = Look(cmap=html.DIVERGING, vmin=-limit, vmax=limit, origin="lower", aspect="auto")
     phases = [names_of(maps, "phase")[place] for place in filled]
-    for axes, title, value in zip(panels, ways.values(), both, strict=True):
+    for axes, title, value in zip(panels, ways.values(), residual, strict=True):
         drawn = axes.imshow(value, **look)
         axes.set_title(title)
         axes.set_xticks(range(filled.size), phases)
@@ -232,7 +232,7 @@ def _phase_level_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
 def _gap_map_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
     lon, lat = (np.asarray(maps[name].to_numpy(), float) for name in ("longitude", "latitude"))
     cells = (_cells(maps, f"region_map_{way}", "latitude", "longitude") for way in "uv")
-    u, v = (part / KNOT for part in cells)
+    u, v = (component / KNOT for component in cells)
     speed = np.hypot(u, v)
     filled = np.isfinite(speed)
     if not filled.any():

@@ -81,7 +81,7 @@ def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path
         headline=words.headline(gap),
         facts=[*facts, (p_value, "p value of the gap")],
         sections=[
-            _what_section(gap, drawn),
+            _effects_section(gap, drawn),
             html.Section("closure", "How far the gap closes", "", drawn("waterfall")),
             _where_section(gap, drawn),
             _ambiguous_section(gap),
@@ -95,44 +95,44 @@ def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path
     return write_text(directory / "index.html", text)
 
 
-def _what_section(gap: GapReport, drawn: _Drawn) -> html.Section:
+def _effects_section(gap: GapReport, drawn: _Drawn) -> html.Section:
     effects, places, fleet = gap.effects, gap.unknown.where, gap.counts.aircraft
     rows = [
         {
-            "effect": plain_name(one.name),
-            "aircraft": words.who_text(one, fleet),
-            "parameters": words.parameters_text(one) or "-",
-            "period": words.period_text(one) or "always",
-            "proba\u00adbility": f"{one.probability:.2f}",
-            "closes": closure_text(one.closure),
-            "share of the gap": f"{100 * one.share_of_gap:.0f} %",
+            "effect": plain_name(effect.name),
+            "aircraft": words.who_text(effect, fleet),
+            "parameters": words.parameters_text(effect) or "-",
+            "period": words.period_text(effect) or "always",
+            "proba\u00adbility": f"{effect.probability:.2f}",
+            "closes": closure_text(effect.closure),
+            "share of the gap": f"{100 * effect.share_of_gap:.0f} %",
         }
-        for one in effects
+        for effect in effects
     ]
     caption = (
         f"Effects found (n = {len(effects)}), the largest share of the gap first. Parameters "
         "with 95 % intervals (±), or the range over aircraft."
     )
     long = ("effect", "aircraft", "parameters")
-    none = "No effect of the catalogue is needed to explain these reports."
+    no_effect = "No effect of the catalogue is needed to explain these reports."
     parts = [
         words.start_words(gap.known, gap.simulation).strip(),
         html.table(rows, words=["period"], long=long, caption=caption),
-        "" if effects or places else none,
+        "" if effects or places else no_effect,
     ]
     for k, place in enumerate(places, 1):
         parts.append(html.paragraph(words.place_sentence(place, fleet), note=True))
         if decides := place.settled_by:
             parts.append(f"A measurement that would decide: {decides}.")
         parts += drawn(f"unknown_{k}")
-    each = []
+    tail_rows = []
     for effect in effects:
         for tail, entry in (effect.per_tail or {}).items():
             row = {"aircraft": tail, "effect": plain_name(effect.name)}
-            each.append(row | {"parameters": words.parameters_text(entry)})
-    single = html.table(each, words=["aircraft"], long=("effect", "parameters"))
-    known = dict.fromkeys(effect.name for effect in effects)
-    physics = [text for name in known if (text := words.nature_of(name))]
+            tail_rows.append(row | {"parameters": words.parameters_text(entry)})
+    single = html.table(tail_rows, words=["aircraft"], long=("effect", "parameters"))
+    names = dict.fromkeys(effect.name for effect in effects)
+    physics = [text for name in names if (text := words.nature_of(name))]
     parts += words.caution_lines(gap)
     parts.append(html.folded("Parameters of each aircraft", single))
     parts.append(html.folded("Physics of the effects found", html.listing(physics)))
@@ -156,13 +156,13 @@ def _where_section(gap: GapReport, drawn: _Drawn) -> html.Section:
 
 
 def _slices_table(slices: Sequence[SliceEntry], caption: str = "") -> Markup:
-    rows = sorted(slices, key=lambda one: -one.share_of_gap)
+    rows = sorted(slices, key=lambda entry: -entry.share_of_gap)
     columns = {
         "slice": map(words.slice_words, rows),
         "share of the gap's variance": [
-            html.bar(one.share_of_gap, f"{100 * one.share_of_gap:.1f} %") for one in rows
+            html.bar(entry.share_of_gap, f"{100 * entry.share_of_gap:.1f} %") for entry in rows
         ],
-        "q value": [p_text(one.q_value).removeprefix("= ") for one in rows],
+        "q value": [p_text(entry.q_value).removeprefix("= ") for entry in rows],
     }
     return html.table(columns, words=list(columns)[:2], caption=caption)
 
@@ -227,7 +227,7 @@ def _claims_section(gap: GapReport) -> html.Section:
     columns = {"aircraft": [entry.aircraft for entry in rows]}
     for name in ("offset", "amplitude"):
         value, error, after = (
-            [getattr(one, f"{name}_deg{ending}") for one in rows]
+            [getattr(entry, f"{name}_deg{ending}") for entry in rows]
             for ending in ("", "_standard_error", "_after")
         )
         halves = NORMAL_95 * np.array(error)
@@ -242,22 +242,22 @@ def _claims_section(gap: GapReport) -> html.Section:
 
 
 def _statistics_section(gap: GapReport, drawn: _Drawn) -> html.Section:
-    held = [one.ok for one in gap.assumptions]
-    lead = f"{sum(held)} of {len(held)} tested assumptions hold." if held else ""
+    passed = [entry.ok for entry in gap.assumptions]
+    lead = f"{sum(passed)} of {len(passed)} tested assumptions hold." if passed else ""
     checked = [
         {
-            "assumption": one.assumption,
-            "test": one.check,
-            "result": one.result,
-            "holds": "yes" if one.ok else "no",
+            "assumption": entry.assumption,
+            "test": entry.check,
+            "result": entry.result,
+            "holds": "yes" if entry.ok else "no",
         }
-        for one in gap.assumptions
+        for entry in gap.assumptions
     ]
     caption = (
         "Assumptions with their tests on these reports. One that does not hold (grey italics) "
         "makes intervals less certain; the effects stated rest on held-out days."
     )
-    long, doubt = ("assumption", "test", "result"), [not ok for ok in held]
+    long, doubt = ("assumption", "test", "result"), [not ok for ok in passed]
     assumptions = html.table(checked, long=long, caption=caption, doubt=doubt)
     rows, placebo = [], ""
     if pair := gap.calibration:
@@ -268,8 +268,8 @@ def _statistics_section(gap: GapReport, drawn: _Drawn) -> html.Section:
             ("lag_one", "correlation of neighbours on a flight", 1.0, "0"),
             ("auc", "area under the ROC curve of a classifier", 1.0, "0.5"),
         ):
-            without, given = (scale * getattr(one, key) for one in (pair.before, pair.after))
-            row = {"": label, "without the effects": without, "with the effects": given}
+            before, after = (scale * getattr(state, key) for state in (pair.before, pair.after))
+            row = {"": label, "without the effects": before, "with the effects": after}
             rows.append(row | {"if right": right})
     if drawn_at_random := gap.placebo:
         ends = drawn_at_random.reduction_ci_kt
@@ -299,16 +299,16 @@ def _statistics_section(gap: GapReport, drawn: _Drawn) -> html.Section:
 
 def _evidence_table(gap: GapReport) -> Markup:
     best: dict[str, float] = {}
-    for one in gap.evidence:
-        if one.known and one.tempered_nats is not None and np.isfinite(one.tempered_nats):
-            best[one.name] = max(one.tempered_nats, best.get(one.name, -np.inf))
-    found = {effect.name: "found" for effect in gap.effects}
+    for entry in gap.evidence:
+        if entry.known and entry.tempered_nats is not None and np.isfinite(entry.tempered_nats):
+            best[entry.name] = max(entry.tempered_nats, best.get(entry.name, -np.inf))
+    marks = {effect.name: "found" for effect in gap.effects}
     rivals = {name: "ambiguous" for effect in gap.effects for name in effect.ambiguous_with}
     rows = [
         {
             "effect": plain_name(name),
             "log Bayes factor": round(best[name]),
-            "": (rivals | found).get(name, ""),
+            "": (rivals | marks).get(name, ""),
         }
         for name in sorted(best, key=best.__getitem__, reverse=True)
     ]

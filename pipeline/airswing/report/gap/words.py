@@ -71,8 +71,8 @@ def plain_name(name: str) -> str:
 
 
 def _component(name: str) -> str:
-    plain = re.sub("^(across|along)_", r"\1 the ", name).replace("_", " ")
-    return _COMPONENTS.get(name, plain)
+    spaced = re.sub("^(across|along)_", r"\1 the ", name).replace("_", " ")
+    return _COMPONENTS.get(name, spaced)
 
 
 def capital(text: str) -> str:
@@ -82,8 +82,8 @@ def capital(text: str) -> str:
 
 def p_text(value: float | None) -> str:
     """Return a p or q value: ``= 0.02``, ``< 1e-06``."""
-    found = number(value)
-    return "unknown" if math.isnan(found) else "< 1e-06" if found < 1e-6 else f"= {found:.2g}"
+    p_value = number(value)
+    return "unknown" if math.isnan(p_value) else "< 1e-06" if p_value < 1e-6 else f"= {p_value:.2g}"
 
 
 def nature_of(name: str) -> Markup:
@@ -94,8 +94,8 @@ def nature_of(name: str) -> Markup:
     hints = []
     for hint in effect.confused_with:
         names, _, when = hint.partition(": ")
-        others = [plain_name(one) if one in CATALOGUE else one for one in names.split(", ")]
-        hints.append(" or ".join(others) + (f" ({when})" if when else ""))
+        rivals = [plain_name(item) if item in CATALOGUE else item for item in names.split(", ")]
+        hints.append(" or ".join(rivals) + (f" ({when})" if when else ""))
     confused = f"Easily confused with {'; '.join(hints)}." if hints else ""
     title = f"{capital(plain_name(name))} ({effect.title})."
     text = '<b>{}</b> {}<span class="small">Source: {}</span><span class="small">{}</span>'
@@ -109,14 +109,14 @@ def parameters_text(effect: EffectEntry | TailEntry, brief: bool = False) -> str
     median; phases, which have no range, are then omitted.
     """
     errors = effect.standard_errors or {}
-    each = [entry.parameters for entry in (getattr(effect, "per_tail", None) or {}).values()]
+    by_tail = [entry.parameters for entry in (getattr(effect, "per_tail", None) or {}).values()]
     parts = []
     for name, value in effect.parameters.items():
         # a list: the two aircraft of an exchange
         if value is None or isinstance(value, list | tuple) or (brief and name.startswith("at_")):
             continue
         half = NORMAL_95 * np.nan_to_num(number(errors.get(name)))
-        values = [float(x) for one in each if isinstance(x := one.get(name), int | float)]
+        values = [float(x) for entry in by_tail if isinstance(x := entry.get(name), int | float)]
         if values and name.startswith("phase"):
             values = (values[0] + wrap_degrees(np.subtract(values, values[0]))).tolist()
         differ = len(values) > 1 and max(values) - min(values) > 2 * half
@@ -127,7 +127,7 @@ def parameters_text(effect: EffectEntry | TailEntry, brief: bool = False) -> str
 
 def _parameter_text(name: str, value: object, half: float, values: Sequence[float]) -> str:
     """Return a parameter with half its interval, or the range of its values."""
-    ending = next((one for one in _ENDINGS if name.endswith(one)), "")
+    ending = next((suffix for suffix in _ENDINGS if name.endswith(suffix)), "")
     label = "at" if name.startswith("at_") else name.removesuffix(ending).replace("_", " ")
     unit, factor = _ENDINGS.get(ending, ""), 1.0 / KNOT if ending == "_m_s" else 1.0
     if values:
@@ -218,7 +218,7 @@ def _unexplained(place: PlaceEntry) -> str:
 
 
 def start_words(
-    known: Sequence[KnownEntry] | None,
+    known_effects: Sequence[KnownEntry] | None,
     simulation: SimulationEntry | None = None,
 ) -> str:
     """Return a description of the simulation in a diagnosis; empty for a perfect instrument."""
@@ -229,11 +229,11 @@ def start_words(
             text += ", which flew other paths: distributions were compared. "
         else:
             text += f" ({simulation.matched:,} of {simulation.of:,} reports matched). "
-    for one in known or ():
-        ends = one.disagreement_without_kt, one.disagreement_with_kt
+    for entry in known_effects or ():
+        ends = entry.disagreement_without_kt, entry.disagreement_with_kt
         text += (
-            f"The simulation contains {plural(len(one.effects), 'known effect')} of "
-            f"{one.source} ({levels_text(*ends)}). "
+            f"The simulation contains {plural(len(entry.effects), 'known effect')} of "
+            f"{entry.source} ({levels_text(*ends)}). "
         )
     return text
 
@@ -260,7 +260,7 @@ def effect_sentence(effect: EffectEntry, fleet: int) -> str:
     elif effect.share_of_gap >= 0.005:
         details.append(f"explains {100 * effect.share_of_gap:.0f} % of the gap")
     text = f"{plain_name(effect.name)} on {who_text(effect, fleet)}"
-    return f"{capital(text)}: {', '.join(part for part in details if part)}."
+    return f"{capital(text)}: {', '.join(detail for detail in details if detail)}."
 
 
 def place_sentence(place: PlaceEntry, fleet: int) -> str:
@@ -284,12 +284,12 @@ def place_sentence(place: PlaceEntry, fleet: int) -> str:
 def caution_lines(gap: GapReport) -> list[str]:
     """Return sentences on unconfirmed effects, and on those that could remain undetected."""
     lines = []
-    for one in gap.unconfirmed:
+    for effect in gap.unconfirmed:
         # Rounded down, because 0.9 counts as found.
-        chance = math.floor(100 * float(str(one["probability"]))) / 100
+        chance = math.floor(100 * float(str(effect["probability"]))) / 100
         if chance >= 0.5:
             lines.append(
-                f"Likely but not confirmed: {plain_name(str(one['name']))} ({chance:.2f})."
+                f"Likely but not confirmed: {plain_name(str(effect['name']))} ({chance:.2f})."
             )
     hidden = number(gap.closure.could_hide_kt)
     if np.isfinite(hidden) and not gap.effects and not gap.unknown.where:

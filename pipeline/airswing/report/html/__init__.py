@@ -259,7 +259,7 @@ def count_ticks(bar: Colorbar, most: float) -> None:
     """Label a logarithmic colour bar of counts at powers of ten up to `most`."""
     powers = [10**k for k in range(int(np.log10(max(most, 1.0))) + 1)]
     bar.minorticks_off()
-    bar.set_ticks(powers, labels=[f"{one:,}" for one in powers])
+    bar.set_ticks(powers, labels=[f"{power:,}" for power in powers])
 
 
 class Figures:
@@ -285,10 +285,10 @@ class Figures:
             min(width, _LEAST_WIDTH),
         )
         if self.folder is not None:
-            plain = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_.")
-            with atomic(self.folder / f"{plain}.png") as temporary:
+            stem = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_.")
+            with atomic(self.folder / f"{stem}.png") as temporary:
                 temporary.write_bytes(content)
-            image = Markup('<a href="{}">{}</a>').format(f"{self.folder.name}/{plain}.png", image)
+            image = Markup('<a href="{}">{}</a>').format(f"{self.folder.name}/{stem}.png", image)
         return Markup(
             '<figure><div class="scroll">{}</div><figcaption>{}</figcaption></figure>'
         ).format(image, caption)
@@ -313,7 +313,7 @@ class Section:
 
 
 def _together(parts: Iterable[str]) -> Markup:
-    shown = (one if isinstance(one, Markup) else paragraph(one) for one in parts if one)
+    shown = (part if isinstance(part, Markup) else paragraph(part) for part in parts if part)
     return Markup("\n").join(shown)
 
 
@@ -342,7 +342,7 @@ def table(
     cells = [[_cell(value) for value in row] for row in rows]
     text = _TEMPLATES.get_template("table.html").render(
         titles=titles,
-        kinds=["words" if one in words else "long" if one in long else "" for one in titles],
+        kinds=["words" if name in words else "long" if name in long else "" for name in titles],
         rows=list(zip(repeat(False) if doubt is None else doubt, cells, strict=False)),
         caption=caption,
         sortable=sortable,
@@ -396,5 +396,5 @@ def document(*, sections: Iterable[Any], **content: object) -> str:
     warnings.
     """
     shown = [section for section in sections if section and section.body]
-    given = {"facts": (), "warnings": (), **content}
-    return _TEMPLATES.get_template("page.html").render(sections=shown, **given)
+    values = {"facts": (), "warnings": (), **content}
+    return _TEMPLATES.get_template("page.html").render(sections=shown, **values)

@@ -65,7 +65,7 @@ def _narrowing(latitude: float) -> float:
 
 def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) -> View:
     """Return the map limits that contain all points, at least two degrees wide and high."""
-    lon, lat = (one[np.isfinite(one)] for one in (np.asarray(longitude), np.asarray(latitude)))
+    lon, lat = (deg[np.isfinite(deg)] for deg in (np.asarray(longitude), np.asarray(latitude)))
     if lon.size == 0 or lat.size == 0:
         return View(-180.0, 180.0, -90.0, 90.0)
     # The middle of the shortest arc that contains all longitudes.
@@ -76,8 +76,8 @@ def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) 
     middle = float(wrap_degrees(first + (360.0 - gaps[widest]) / 2))
     lon = wrap_degrees(lon - middle) + middle
     (x, width), (y, height) = (
-        ((one.min() + one.max()) / 2, max(float(np.ptp(one)) * (1 + 2 * margin), 2.0))
-        for one in (lon, lat)
+        ((values.min() + values.max()) / 2, max(float(np.ptp(values)) * (1 + 2 * margin), 2.0))
+        for values in (lon, lat)
     )
     narrowing = _narrowing(float(y))
     width = min(max(width, height / narrowing / _TALLEST), 360.0)
@@ -126,15 +126,15 @@ def places_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
     """Return the section on the positions of the reports: a map of dots, or of their density."""
     every = max(1, -(-headings.sizes["report"] // MOST_DRAWN))
     lon, lat = (np.asarray(headings[name], float) for name in ("longitude", "latitude"))
-    known = np.isfinite(lon + lat)
-    number = int(known.sum())
-    lon, lat = lon[known][::every], lat[known][::every]
-    view, how = view_of(lon, lat), "one dot each"
+    finite = np.isfinite(lon + lat)
+    number = int(finite.sum())
+    lon, lat = lon[finite][::every], lat[finite][::every]
+    view, style = view_of(lon, lat), "one dot each"
     x, dense = view.unwrapped(lon), lon.size > html.MANY
     width = html.FULL_WIDTH - (1.65 if dense else 0.55)
     figure, axes = html.panels(min(width * view.height_over_width, 7.0) + 0.55)
     if dense:
-        how = "as a density of hexagons, darker where reports are many"
+        style = "as a density of hexagons, darker where reports are many"
         look = Look(mincnt=1, cmap=html.DENSITY, norm=LogNorm(), linewidths=0.1, extent=view)
         look["gridsize"] = 64, max(int(64 * view.height_over_width / np.sqrt(3)), 4)
         drawn = axes.hexbin(x, lat, **look)
@@ -148,7 +148,7 @@ def places_section(headings: xr.Dataset, show: html.Figures) -> html.Section:
     draw_map(axes, view)
     figure.say(
         f"Positions of the reports (n = {plural(number, 'report')} of "
-        f"{plural(headings.sizes['aircraft'], 'aircraft')}), {how}."
+        f"{plural(headings.sizes['aircraft'], 'aircraft')}), {style}."
         + (f" One report in {every} is drawn." if every > 1 else "")
     )
     return html.Section("places", "Positions of the reports", "", [show("map", figure, dpi=120)])

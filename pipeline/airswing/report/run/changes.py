@@ -26,7 +26,6 @@ from airswing.version import __version__
 # Aircraft in a figure; rows of the tables. The files contain all.
 FEWEST_AIRCRAFT, MOST_AIRCRAFT = 2, 10
 _MOST_EVENTS, _MOST_STATES = 60, 200
-_FLEET = "all aircraft at once"
 
 
 def days_since_1970(days: ArrayLike) -> NDArray[np.float64]:
@@ -38,11 +37,11 @@ def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Fig
     changes = {entry["aircraft"]: entry["changes"] for entry in stability["changes"]}
     windows = [entry for entry in stability["windows"] if entry["status"] == "ok"]
     fitted = Counter(entry["aircraft"] for entry in windows)
-    known = [name for name in changes if changes[name] or name in fitted]
+    tested = [name for name in changes if changes[name] or name in fitted]
     # without changes, aircraft with most windows are examples
-    known.sort(key=lambda name: (not changes[name], -fitted[name], name))
-    changed = sum(bool(changes[name]) for name in known)
-    aircraft = known[: min(max(changed, FEWEST_AIRCRAFT), MOST_AIRCRAFT)]
+    tested.sort(key=lambda name: (not changes[name], -fitted[name], name))
+    changed = sum(bool(changes[name]) for name in tested)
+    aircraft = tested[: min(max(changed, FEWEST_AIRCRAFT), MOST_AIRCRAFT)]
     if not aircraft:
         return html.empty_figure("No calendar window has enough reports for a fit")
     shared = Look(squeeze=False, sharex=True, sharey="col")
@@ -97,7 +96,7 @@ def stability_section(
 ) -> html.Section:
     """Return the section on changes of the compasses; `period` is the first and the last day."""
     tested = [entry for entry in stability["changes"] if entry["p_value"] is not None]
-    rows = [(entry["aircraft"], one) for entry in tested for one in entry["changes"]]
+    rows = [(entry["aircraft"], change) for entry in tested for change in entry["changes"]]
     lead = f"None of {len(tested)} compasses changed within the period."
     if rows:
         lead = (
@@ -109,15 +108,15 @@ def stability_section(
     parts = [show("changes", _stability_figure(stability, period))]
 
     def change_of(letter: str) -> list[str]:
-        sizes = ((one["change_deg"], one["standard_error_deg"]) for _, one in rows)
+        sizes = ((change["change_deg"], change["standard_error_deg"]) for _, change in rows)
         return [interval_text(x[letter], NORMAL_95 * e[letter], sign=True) for x, e in sizes]
 
     columns = {
         "aircraft": [name for name, _ in rows],
-        "changed on": [one["date"] for _, one in rows],
-        "95 % interval": [" to ".join(one["date_ci"]) for _, one in rows],
+        "changed on": [change["date"] for _, change in rows],
+        "95 % interval": [" to ".join(change["date_ci"]) for _, change in rows],
         **{f"change of {letter} (degree)": change_of(letter) for letter in "ABC"},
-        "p value": [number_text(one["p_value"], digits=3) for _, one in rows],
+        "p value": [number_text(change["p_value"], digits=3) for _, change in rows],
     }
     words, caption = tuple(columns)[:3], "Changes found, with 95 % intervals."
     parts.append(html.table(columns, words=words, caption=caption))
@@ -132,13 +131,13 @@ def write_monitoring_page(path: Path, monitoring: Monitoring) -> Path:
         kicker=f"Monitoring of {plural(len(monitoring.states), 'aircraft')}  ·  up to "
         f"{monitoring.until}, against {monitoring.reference}",
         headline=_new_events(monitoring),
-        sections=[monitoring_section(monitoring, html.Figures())],
+        sections=[monitoring_section(monitoring)],
         footer=f"airswing {__version__}. Intervals are 95 %.",
     )
     return write_text(path, text)
 
 
-def monitoring_section(monitoring: Monitoring, show: html.Figures) -> html.Section:
+def monitoring_section(monitoring: Monitoring) -> html.Section:
     """Return the section on new events and on the state of every aircraft."""
     states = _states_table(monitoring)
     folded = html.folded("State of every aircraft", states, unfolded=not monitoring.events)
@@ -148,7 +147,7 @@ def monitoring_section(monitoring: Monitoring, show: html.Figures) -> html.Secti
 
 def _new_events(monitoring: Monitoring) -> str:
     """Return the new events by kind, and the aircraft that need another table."""
-    new = [one.kind for one in monitoring.new_events]
+    new = [event.kind for event in monitoring.new_events]
     counts = [f"{words} ({new.count(kind)})" for kind, words in WORDS.items() if kind in new]
     text = f"New up to {monitoring.until}: {', '.join(counts)}." if new else "No new event."
     if names := monitoring.differing:
@@ -159,14 +158,14 @@ def _new_events(monitoring: Monitoring) -> str:
 def _events_table(monitoring: Monitoring) -> Markup:
     new, every = len(monitoring.new_events), len(monitoring.events)
     events = monitoring.events[::-1][:_MOST_EVENTS]
-    dates = (" to ".join(dict.fromkeys(one.evidence.get("date_ci", []))) for one in events)
+    dates = (" to ".join(dict.fromkeys(event.evidence.get("date_ci", []))) for event in events)
     columns = {
-        "since": [one.date for one in events],
+        "since": [event.date for event in events],
         "95 % interval": [text or "-" for text in dates],
-        "aircraft": [one.aircraft or _FLEET for one in events],
-        "event": [WORDS[one.kind] for one in events],
-        "details": [one.details or "-" for one in events],
-        "noticed": [one.noticed for one in events],
+        "aircraft": [event.aircraft or "all aircraft at once" for event in events],
+        "event": [WORDS[event.kind] for event in events],
+        "details": [event.details or "-" for event in events],
+        "noticed": [event.noticed for event in events],
         "": ["new" if number < new else "" for number in range(len(events))],
     }
     more = f", the latest {_MOST_EVENTS} shown" if every > _MOST_EVENTS else ""
@@ -181,24 +180,24 @@ def _states_table(monitoring: Monitoring) -> Markup:
     """Return the states, first where another table is needed, then where winds became worse."""
     every = len(monitoring.states)
 
-    def urgency(one: State) -> tuple[object, ...]:
-        worse = (one.disagreement_kt or 0.0) / (one.past_disagreement_kt or np.inf)
-        return not one.tables_differ, -worse, one.aircraft
+    def urgency(state: State) -> tuple[object, ...]:
+        worse = (state.disagreement_kt or 0.0) / (state.past_disagreement_kt or np.inf)
+        return not state.tables_differ, -worse, state.aircraft
 
     states = sorted(monitoring.states, key=urgency)[:_MOST_STATES]
-    needed, rows = {None: "-", False: "no", True: "yes"}, []
-    for one in states:
-        speeds = (one.disagreement_kt, one.past_disagreement_kt)
+    needs, rows = {None: "-", False: "no", True: "yes"}, []
+    for state in states:
+        speeds = (state.disagreement_kt, state.past_disagreement_kt)
         now, past = (number_text(speed) for speed in speeds)
-        same = one.table_difference_deg == 0.0
+        same = state.table_difference_deg == 0.0
         rows.append(
             {
-                "aircraft": one.aircraft,
-                "last report": f"{one.last_day}{' (no reports since)' if one.silent else ''}",
+                "aircraft": state.aircraft,
+                "last report": f"{state.last_day}{' (no reports since)' if state.silent else ''}",
                 "disagreement, last days (kt)": now,
                 "before (kt)": past,
-                "another table needed": "no, same table" if same else needed[one.tables_differ],
-                "difference of the tables (° rms)": number_text(one.table_difference_deg),
+                "another table needed": "no, same table" if same else needs[state.tables_differ],
+                "difference of the tables (° rms)": number_text(state.table_difference_deg),
             }
         )
     more = f", {_MOST_STATES} shown" if every > _MOST_STATES else ""

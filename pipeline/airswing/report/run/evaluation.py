@@ -69,8 +69,8 @@ def _change(content: Content, key: str) -> str:
 
 def _speeds(entries: Iterable[Content], key: str) -> tuple[Floats, Floats]:
     """Return speeds of entries (n,) and their intervals (2, n), kt."""
-    both = [(one[f"{key}_kt"], one.get(f"{key}_ci_kt") or (None, None)) for one in entries]
-    value, ends = (np.array(part, float) for part in zip(*both, strict=True))
+    pairs = [(entry[f"{key}_kt"], entry.get(f"{key}_ci_kt") or (None, None)) for entry in entries]
+    value, ends = (np.array(column, float) for column in zip(*pairs, strict=True))
     return value, ends.T
 
 
@@ -106,7 +106,7 @@ def field_test_figure(field_test: Content) -> Figure:
     names = [f"{name}\n{entry['aircraft']} aircraft" for name, entry in groups.items()]
     html.rows_axis(left, names, "mean vector disagreement (kt)")
     left.margins(x=0.16)
-    changes = [(f"{name}: reduction", one, "reduction", SOFT) for name, one in groups.items()]
+    changes = [(f"{name}: reduction", entry, "reduction", SOFT) for name, entry in groups.items()]
     for ending, label in (("", "linear"), ("_quadrature", "quadrature")):
         key = f"adjusted_reduction{ending}"
         if field_test.get(f"{key}_kt") is not None:
@@ -118,7 +118,7 @@ def field_test_figure(field_test: Content) -> Figure:
     html.rows_axis(right, [label for label, *_ in changes], "reduction (kt)")
     right.margins(x=0.14)
     figure.legend(loc="outside upper left", ncols=2)
-    number = sum(int(one.get(f"reports_{when}", 0)) for one in groups.values() for when in _PERIODS)
+    number = sum(int(row.get(f"reports_{when}", 0)) for row in groups.values() for when in _PERIODS)
     return figure.say(
         "Mean length of the difference between reported and reference wind of each group, and its "
         f"reduction, with 95 % intervals (n = {plural(number, 'report')})."
@@ -126,17 +126,17 @@ def field_test_figure(field_test: Content) -> Figure:
 
 
 def _each_aircraft_figure(rows: Sequence[Content]) -> Figure:
-    each = pd.DataFrame(rows).set_index("group")[["before_kt", "during_kt"]].astype(float).dropna()
-    if each.empty:
+    table = pd.DataFrame(rows).set_index("group")[["before_kt", "during_kt"]].astype(float).dropna()
+    if table.empty:
         return html.empty_figure("No aircraft has reports before and during the test")
     figure, axes = html.panels(3.7)
     for name, colour, marker in (("controls", SOFT, "s"), ("corrected", BLUE, "o")):
         look = Look(color=colour, alpha=0.85, markersize=5.5, label=name)
-        axes.plot(*each[each.index == name].to_numpy().T, marker, **look)
-    _equal_axes(axes, each.to_numpy(), "before (kt)", "during (kt)")
+        axes.plot(*table[table.index == name].to_numpy().T, marker, **look)
+    _equal_axes(axes, table.to_numpy(), "before (kt)", "during (kt)")
     axes.legend(loc="upper left")
     return figure.say(
-        f"Mean disagreement of each aircraft (n = {len(each)} aircraft); below the line it fell."
+        f"Mean disagreement of each aircraft (n = {len(table)} aircraft); below the line it fell."
     )
 
 
@@ -152,11 +152,11 @@ def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
         lead += f", against {field_test['reference']}"
     groups = field_test["groups"]
     rows = []
-    for name, one in groups.items():
-        row = {"group": name, "aircraft": one["aircraft"]}
+    for name, entry in groups.items():
+        row = {"group": name, "aircraft": entry["aircraft"]}
         for key in ("before", "during", "reduction"):
-            row[key] = _change(one, key)
-        reports = {f"reports {when}": int(one.get(f"reports_{when}", 0)) for when in _PERIODS}
+            row[key] = _change(entry, key)
+        reports = {f"reports {when}": int(entry.get(f"reports_{when}", 0)) for when in _PERIODS}
         rows.append(row | reports)
     caption = "Mean vector disagreement; in brackets 95 % intervals."
     checks, lines = [], ["Permutation test over aircraft: too few aircraft."]
@@ -165,8 +165,8 @@ def field_test_section(field_test: Content, show: html.Figures) -> html.Section:
     p_value = (field_test.get("permutation") or {}).get("p_value")
     if p_value is not None and np.isfinite(p_value):
         lines = [f"Permutation test over aircraft: p value {p_value:.3g}."]
-    for part, key, words in _CHECKS:
-        if (value := (field_test.get(part) or {}).get(key)) is not None:
+    for check, key, words in _CHECKS:
+        if (value := (field_test.get(check) or {}).get(key)) is not None:
             lines.append(words.format(f"{value:+.2f} kt"))
     if field_test.get("predicted_reduction_kt") is not None:
         predicted = _change(field_test, "predicted_reduction")
@@ -185,54 +185,50 @@ def ranking_section(
 ) -> html.Section:
     """Return the section on the ranking of aircraft and the accuracy of its predictions."""
     title = "Which aircraft to correct first"
-    known = [entry for entry in ranking if entry["expected_gain_kt"] is not None]
-    if not known:
+    ranked = [entry for entry in ranking if entry["expected_gain_kt"] is not None]
+    if not ranked:
         return html.Section("ranking", title)
-    gain, level = (_change(known[0], key) for key in ("expected_gain", "disagreement"))
-    lead = f"Largest expected reduction: {known[0]['aircraft']}, by {gain} of {level}."
-    shown = known[:_MOST_ROWS]
+    gain, level = (_change(ranked[0], key) for key in ("expected_gain", "disagreement"))
+    lead = f"Largest expected reduction: {ranked[0]['aircraft']}, by {gain} of {level}."
+    shown = ranked[:_MOST_ROWS]
     figure, axes = html.panels(1.1 + 0.26 * max(len(shown), 2))
-    names, label = [one["aircraft"] for one in shown], "expected reduction of the mean vector"
+    names, label = [entry["aircraft"] for entry in shown], "expected reduction of the mean vector"
     values = names, *_speeds(shown, "expected_gain"), f"{label} disagreement (kt)"
     html.interval_rows(axes, *values, color=BLUE, markersize=5.5)
-    left_out = len(ranking) - len(known)
-    others = f"; {left_out} without a usable fit" if left_out else ""
+    left_out = len(ranking) - len(ranked)
+    omitted = f"; {left_out} without a usable fit" if left_out else ""
     figure.say(
         "Expected reduction of the disagreement from correcting each aircraft, from its fit, "
-        f"with 95 % intervals (n = {plural(len(shown), 'aircraft')}{others})."
+        f"with 95 % intervals (n = {plural(len(shown), 'aircraft')}{omitted})."
     )
     parts, lines, points = [show("ranking", figure)], [], 0
     figure, panels = html.panels(3.8, 1, 2)
     kinds = ("predicted", "realised")
     for axes, (key, (panel, words)) in zip(panels, _HELD_OUT.items(), strict=True):
         axes.set_title(panel)
-        part = (virtual or {}).get(key) or {}
-        rows = part.get("by_aircraft") or []
+        content = (virtual or {}).get(key) or {}
+        rows = content.get("by_aircraft") or []
         if not rows:
             html.blank(axes, "Too few reports.")
             continue
         points += len(rows)
-        apart = [one["agree"] is False for one in rows]
         (x, x_ends), (y, y_ends) = (_speeds(rows, f"{kind}_gain") for kind in kinds)
         axes.hlines(y, *x_ends, color=FAINT, linewidth=1.4)
         axes.vlines(x, *y_ends, color=FAINT, linewidth=1.4)
-        colours = np.where(apart, VERMILION, BLUE)
+        colours = [VERMILION if row["agree"] is False else BLUE for row in rows]
         axes.scatter(x, y, s=30 if len(rows) < 200 else 9, c=colours, zorder=2)
         for row, *point in zip(rows, x, y, strict=True) if len(rows) <= 12 else ():
             html.annotate(axes, row["aircraft"], point, (5, -9), fontsize=8, color=SOFT)
         _equal_axes(axes, np.array([*x, *y, 0.0]), *(f"{kind} reduction (kt)" for kind in kinds))
-        (low, high), outside = np.array(part["predicted_gain_ci_kt"], float), ""
-        if part["realised_gain_kt"] < low or part["realised_gain_kt"] > high:
+        (low, high), outside = np.array(content["predicted_gain_ci_kt"], float), ""
+        if content["realised_gain_kt"] < low or content["realised_gain_kt"] > high:
             outside = ". The realised reduction is outside the interval of the prediction"
-            if any(apart):
-                whom = [
-                    row["aircraft"] for row, differs in zip(rows, apart, strict=True) if differs
-                ]
+            if names := [row["aircraft"] for row in rows if row["agree"] is False]:
                 outside += "; the two differ by more than their errors for "
-                outside += html.joined(whom, most=8)
-        predicted, realised = (_change(part, f"{kind}_gain") for kind in kinds)
+                outside += html.joined(names, most=8)
+        predicted, realised = (_change(content, f"{kind}_gain") for kind in kinds)
         lines.append(
-            f"{words.format_map(part)}, {plural(part['reports'], 'report')} of "
+            f"{words.format_map(content)}, {plural(content['reports'], 'report')} of "
             f"{plural(len(rows), 'aircraft')}: realised reduction {realised}, predicted "
             f"{predicted}{outside}."
         )
@@ -281,8 +277,8 @@ def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
     names, colours = [], []
     for pair in shown:
         words, colour = _VERDICTS[pair.get("poolable")]
-        part = f"{pair['slice']}: " if pair.get("slice") else ""
-        names.append(f"{part}{_pair_name(pair)}\n{words}")
+        prefix = f"{pair['slice']}: " if pair.get("slice") else ""
+        names.append(f"{prefix}{_pair_name(pair)}\n{words}")
         colours.append(colour)
     html.zero_line(axes)
     html.rows_axis(axes, names, "difference of the coefficient (degree)")
@@ -305,9 +301,9 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
     lead = "Some pairs of references have too few reports to decide."
     if all(pair.get("poolable") for pair in pairs):
         lead = "No two references differ significantly by a size that matters: they can be pooled."
-    elif apart := [pair for pair in pairs if pair.get("poolable") is False]:
-        named = "; ".join(f"{_pair_name(pair)} ({_why(pair)})" for pair in apart[:2])
-        more = f", and {len(apart) - 2} more pairs" if len(apart) > 2 else ""
+    elif unpoolable := [pair for pair in pairs if pair.get("poolable") is False]:
+        named = "; ".join(f"{_pair_name(pair)} ({_why(pair)})" for pair in unpoolable[:2])
+        more = f", and {len(unpoolable) - 2} more pairs" if len(unpoolable) > 2 else ""
         lead = f"Not poolable: {named}{more}."
     details = [_pair_table(pairs, "Every pair.")]
     for words in _SLICES:
@@ -382,9 +378,9 @@ def report_errors_section(errors: xr.Dataset, show: html.Figures) -> html.Sectio
     for way, words in _METHODS.items():
         row = {"method": words}
         for state, *_ in html.STATES:
-            one = errors.sel(state=state, way=way)
-            ends = one[f"{name}_interval"].to_numpy()
-            row[f"{state} (kt)"] = html.amount(one[name] / KNOT, ends / KNOT)
+            selected = errors.sel(state=state, way=way)
+            ends = selected[f"{name}_interval"].to_numpy()
+            row[f"{state} (kt)"] = html.amount(selected[name] / KNOT, ends / KNOT)
         rows.append(row)
     caption = (
         "Error of a component over all reports, with 95 % intervals. The three-cornered hat counts "
@@ -400,8 +396,8 @@ def report_errors_section(errors: xr.Dataset, show: html.Figures) -> html.Sectio
 
 
 def _report_errors_figure(errors: xr.Dataset) -> Figure:
-    known = errors["observation_error"].notnull().any("state").sum("layer")
-    cells = {phase: int(known.sel(flight_phase=phase)) for phase in ("ascent", "cruise", "descent")}
+    valid = errors["observation_error"].notnull().any("state").sum("layer")
+    cells = {phase: int(valid.sel(flight_phase=phase)) for phase in ("ascent", "cruise", "descent")}
     phases = [phase for phase in cells if cells[phase]]
     if not phases:
         return html.empty_figure(
@@ -414,9 +410,9 @@ def _report_errors_figure(errors: xr.Dataset) -> Figure:
             look = Look(color=SOFT, linewidth=1.0, linestyle=line, label=label)
             axes.plot(errors[name].to_numpy() / KNOT, level, **look)
         for index, (state, colour, marker) in enumerate(html.STATES):
-            chosen = errors.sel(flight_phase=phase, state=state)
-            value = chosen["observation_error"].to_numpy() / KNOT
-            ends = chosen["observation_error_interval"].to_numpy().T / KNOT
+            selected = errors.sel(flight_phase=phase, state=state)
+            value = selected["observation_error"].to_numpy() / KNOT
+            ends = selected["observation_error_interval"].to_numpy().T / KNOT
             shown = np.isfinite(value)
             ends = np.where(np.isnan(ends), value, ends)[:, shown]
             look = Look(color=colour, marker=marker, linestyle="-", linewidth=1.4)

@@ -264,22 +264,22 @@ def write_swing_cards(
     drawn = selection.drawn_columns(headings)
     run = Run(drawn, fits, reference or main_reference(fits))
     usable = published(fits["status"].sel(reference=run.reference))
-    chosen = selection.names_of(fits.isel(aircraft=usable))
+    names = selection.names_of(fits.isel(aircraft=usable))
     # Without dates, or the same cards would differ from run to run.
     metadata = {"Title": "airswing swing cards", "CreationDate": None}
-    fonts = _PDF_FONTS if "".join([run.reference, *chosen]).isascii() else {}
+    fonts = _PDF_FONTS if "".join([run.reference, *names]).isascii() else {}
     with (
         atomic(Path(path)) as temporary,
         matplotlib.rc_context(fonts),
         PdfPages(temporary, metadata=metadata) as pages,
     ):
-        for name in chosen:
+        for name in names:
             pages.savefig(swing_card(run, name), dpi=150)
-        if not chosen:
+        if not names:
             empty = Figure(figsize=_A4)
             empty.text(0.1, 0.9, f"No aircraft has a fit against {run.reference}.")
             pages.savefig(empty)
-    return len(chosen)
+    return len(names)
 
 
 def swing_card(run: Run, aircraft: str) -> Figure:
@@ -290,14 +290,14 @@ def swing_card(run: Run, aircraft: str) -> Figure:
     figure.text(0.08, 0.935, subtitle, color=SOFT)
     reports = aircraft_reports(run.headings, aircraft)
     times = np.sort(reports["time"].to_numpy()[selection.used(reports)]).astype("M8[D]")
-    made = str(fit.attrs.get("history", "")).split("T")[0] or "-"
+    date = str(fit.attrs.get("history", "")).split("T")[0] or "-"
     behind = [plural(int(fit[f"{name}_count"]), name) for name in ("report", "flight")]
     facts = {
         "Reference": f"{run.reference} (model winds)",
         "Period": f"{' to '.join(map(str, times[[0, -1]])) if times.size else '-'} (UTC)",
         "Reports": f"{' of '.join(behind)}, {int(fit['compass_points'])} of 8 compass points",
         "Units": "degrees; headings magnetic, as indicated",
-        "Made": f"{made} with airswing {fit.attrs.get('airswing_version', __version__)}",
+        "Made": f"{date} with airswing {fit.attrs.get('airswing_version', __version__)}",
     }
     lines = Look(va="top", linespacing=1.5)
     figure.text(0.08, 0.915, "\n".join(facts), color=SOFT, fontsize=9, **lines)
@@ -313,8 +313,8 @@ def swing_card(run: Run, aircraft: str) -> Figure:
     axes.legend(loc="upper center", bbox_to_anchor=(0.47, -0.16), ncols=4, fontsize=8)
     nodes, error = selection.table_error(fit)
     aims = [_POINTS[aim // 45] if aim % 90 == 0 else f"{aim:03d}" for aim in range(0, 360, 30)]
-    steered = [f"{np.rint(one) % 360:03.0f}" for one in steer(error, CARD_HEADINGS)]
-    what = "heading error, to subtract" if selection.adds_error(fit) else "to add"
+    steered = [f"{np.rint(angle) % 360:03.0f}" for angle in steer(error, CARD_HEADINGS)]
+    meaning = "heading error, to subtract" if selection.adds_error(fit) else "to add"
     # left end, title, and columns: right end, title, cells
     tables = (
         (
@@ -322,7 +322,7 @@ def swing_card(run: Run, aircraft: str) -> Figure:
             "8-point table for the unit",
             (0.10, "", _POINTS),
             (0.32, "indicated", [f"{node:03.0f}" for node in nodes]),
-            (0.66, what, [f"{value + 0.0:+.1f}" for value in fit["table_correction"].values]),
+            (0.66, meaning, [f"{value + 0.0:+.1f}" for value in fit["table_correction"].values]),
             (0.94, "± 95 %", [f"{half:.1f}" for half in curve_half_width(fit, nodes)]),
         ),
         (

@@ -28,27 +28,27 @@ def _unit(quantity: str) -> tuple[str, float]:
 
 def _cells_by(statistics: xr.Dataset, by: str) -> xr.Dataset:
     """Return the rows (state, row) with reports by aircraft, phase of flight or layer."""
-    found = combined(statistics, [dim for dim in _CELLS if dim != by])
+    cells = combined(statistics, [dim for dim in _CELLS if dim != by])
     if by == "layer":
         edges = [statistics[f"layer_{end}_pressure"].to_numpy() / 100 for end in ("bottom", "top")]
-        found["layer"] = [f"{low:.0f}-{high:.0f} hPa" for low, high in zip(*edges, strict=True)]
-    keep = np.flatnonzero(found["innovation_speed_count"].isel(state=0))
-    return found.isel({by: keep}).rename({by: "row"})
+        cells["layer"] = [f"{low:.0f}-{high:.0f} hPa" for low, high in zip(*edges, strict=True)]
+    keep = np.flatnonzero(cells["innovation_speed_count"].isel(state=0))
+    return cells.isel({by: keep}).rename({by: "row"})
 
 
 def _innovation_figure(statistics: xr.Dataset) -> Figure:
-    aircraft, *others = (_cells_by(statistics, by) for by in _CELLS)
+    aircraft, phases, layers = (_cells_by(statistics, by) for by in _CELLS)
     reports = aircraft["innovation_speed_count"].isel(state=0).to_numpy()
     order = np.argsort(-reports, kind="stable")[:_MOST_AIRCRAFT]
-    cells = [aircraft.isel(row=order), *others]
-    rows = [name for part in cells for name in names_of(part, "row")]
+    cells = [aircraft.isel(row=order), phases, layers]
+    rows = [name for block in cells for name in names_of(block, "row")]
     figure, panels = html.panels(1.1 + 0.2 * len(rows), 1, len(_QUANTITIES), sharey=True)
     for axes, quantity in zip(panels, _QUANTITIES, strict=True):
         unit, factor = _unit(quantity)
         for index, (state, colour, marker) in enumerate(STATES):
             bias, spread = (
                 factor
-                * np.concatenate([part[f"innovation_{quantity}_{kind}"][index] for part in cells])
+                * np.concatenate([block[f"innovation_{quantity}_{kind}"][index] for block in cells])
                 for kind in ("bias", "standard_deviation")
             )
             y, ends = np.arange(len(rows)) + 0.3 * (index - 0.5), (bias - spread, bias + spread)
@@ -99,18 +99,18 @@ def innovations_section(
     if not statistics["innovation_speed_count"].any():
         lead = "No report has a phase, a layer and a reference wind."
         return html.Section("innovations", title, lead)
-    known = names_of(statistics, "reference")
-    chosen = reference if reference in known else known[0]
-    statistics = statistics.sel(reference=chosen)
-    changes, whole = [], combined(statistics, _CELLS)
+    references = names_of(statistics, "reference")
+    reference = reference if reference in references else references[0]
+    statistics = statistics.sel(reference=reference)
+    changes, fleet = [], combined(statistics, _CELLS)
     for quantity, sign in (("speed", " kt"), ("direction", "°")):
-        rms = _unit(quantity)[1] * whole[f"innovation_{quantity}_rms"]
+        rms = _unit(quantity)[1] * fleet[f"innovation_{quantity}_rms"]
         before, after = (float(rms.sel(state=state)) for state, *_ in STATES)
         if np.isfinite(before + after):
             changes.append(f"{quantity} from {before:.1f} to {after:.1f}{sign}")
     lead = ""
     if changes:
-        lead = f"Rms innovation against {chosen}, before and after the correction: "
+        lead = f"Rms innovation against {reference}, before and after the correction: "
         lead += f"{', '.join(changes)}."
     histogram = show("innovation_histogram", _innovation_histogram_figure(statistics))
     parts = [

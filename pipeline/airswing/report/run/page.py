@@ -76,7 +76,7 @@ def write_page(
     corrected: xr.Dataset | None = None,
     summary: Mapping[str, Any] | None = None,
     evaluation: Evaluation | None = None,
-    apart: BeforeAfter | None = None,
+    disagreement: BeforeAfter | None = None,
 ) -> Path:
     """Write the page of a run, ``index.html``, and its figures, ``figures/*.png``.
 
@@ -92,7 +92,7 @@ def write_page(
         listed under "This run".
     evaluation : Evaluation, optional
         Sections without content are omitted.
-    apart : BeforeAfter, optional
+    disagreement : BeforeAfter, optional
         Disagreement with the reference of the headline; computed from ``corrected`` by default.
 
     Returns
@@ -105,33 +105,33 @@ def write_page(
     InputError
         If the page cannot be written.
     """
-    folder, summary, found = Path(directory), summary or {}, evaluation or Evaluation()
+    folder, summary, results = Path(directory), summary or {}, evaluation or Evaluation()
     reference = summary.get("reference") or main_reference(fits)
     run = Run(selection.drawn_columns(headings), fits, reference)
     show = html.Figures(folder / "figures")
-    if corrected is not None and apart is None:
-        apart = selection.disagreement(headings, corrected, reference)
-    total, period, errors = apart and apart.total, None, found.observation_errors
+    if corrected is not None and disagreement is None:
+        disagreement = selection.disagreement(headings, corrected, reference)
+    total, period, errors = disagreement and disagreement.total, None, results.observation_errors
     if headings.sizes["report"]:
         first, last = np.datetime_as_string(time_span(headings), "D")
         period = str(first), str(last)
-    given = {**summary, **{name: headings.attrs.get(name) for name in list(_ENTRIES)[1:]}}
+    values = {**summary, **{name: headings.attrs.get(name) for name in list(_ENTRIES)[1:]}}
     entries = {
         _ENTRIES.get(name, name.replace("_", " ")): str(value)
-        for name, value in given.items()
+        for name, value in values.items()
         if isinstance(value, str | int | float)
     }
     columns = {"item": entries, "value": entries.values()}
     sections = [
         _corrections_section(run, folder),
-        found.monitoring and monitoring_section(found.monitoring, show),
+        results.monitoring and monitoring_section(results.monitoring),
         _curves_section(run, show),
-        _fleet_section(run, apart, show),
-        innovations_section(found.innovations, reference, show),
-        found.ranking and judged.ranking_section(found.ranking, found.virtual, show),
-        found.stability and stability_section(found.stability, show, period),
-        found.field_test and judged.field_test_section(found.field_test, show),
-        found.sensitivity and judged.sensitivity_section(found.sensitivity, show),
+        _fleet_section(run, disagreement, show),
+        innovations_section(results.innovations, reference, show),
+        results.ranking and judged.ranking_section(results.ranking, results.virtual, show),
+        results.stability and stability_section(results.stability, show, period),
+        results.field_test and judged.field_test_section(results.field_test, show),
+        results.sensitivity and judged.sensitivity_section(results.sensitivity, show),
         errors is not None and judged.report_errors_section(errors, show),
         places_section(headings, show),
         _audit_section(headings),
@@ -181,33 +181,33 @@ def _corrections_section(run: Run, folder: Path) -> html.Section:
     fit = run.fits.sel(reference=run.reference, aircraft=run.order)
     status, usable = fit["status"].to_numpy(), published(fit["status"])
     # A refused fit has no numbers.
-    known = fit.where(xr.DataArray(usable, dims="aircraft"))
+    valid = fit.where(xr.DataArray(usable, dims="aircraft"))
     nodes = [f"{node:.0f}°" for node in fit["table_heading"].to_numpy()]
-    tables = known["table_correction"].transpose("node", "aircraft").to_numpy() + 0.0
+    tables = valid["table_correction"].transpose("node", "aircraft").to_numpy() + 0.0
     columns: dict[str, Iterable[object]] = {
         "aircraft": run.order,
         **{
             node: [interval_text(value, np.nan, digits=1, sign=True) for value in row]
             for node, row in zip(nodes, tables, strict=True)
         },
-        "resi\u00addual": known["table_residual_rms"].to_numpy(),
+        "resi\u00addual": valid["table_residual_rms"].to_numpy(),
     }
     for name, digits in (("offset", 2), ("amplitude", 2), ("phase", 0)):
-        values, halves = known[name].values, NORMAL_95 * known[f"{name}_standard_error"].values
+        values, halves = valid[name].values, NORMAL_95 * valid[f"{name}_standard_error"].values
         pairs = zip(values, halves, strict=True)
         columns[name] = [interval_text(value, half, digits=digits) for value, half in pairs]
     columns["reports"] = fit["report_count"].to_numpy().astype(int)
     columns["status"] = [
-        "no correction needed" if none else status_words(code)
-        for none, code in zip(selection.needs_no_correction(fit), status, strict=True)
+        "no correction needed" if no_need else status_words(code)
+        for no_need, code in zip(selection.needs_no_correction(fit), status, strict=True)
     ]
-    there = [name for name in PRODUCTS if (folder.parent / name).exists()]
+    present = [name for name in PRODUCTS if (folder.parent / name).exists()]
     words = ("aircraft", "status")
     title = "The deviation's formula, and offset, amplitude and phase"
     parts = [
         html.table(columns, words=words, caption=caption, doubt=~usable, sortable=True),
         html.folded(title, *selection.FORMULA),
-        html.listing(html.link(f"../{name}", PRODUCTS[name]) for name in there),
+        html.listing(html.link(f"../{name}", PRODUCTS[name]) for name in present),
     ]
     lead = "The table to load into each unit."
     if not usable.any():
@@ -236,12 +236,12 @@ def _curves_section(run: Run, show: html.Figures) -> html.Section:
     return html.Section("curves", "Heading error against heading", lead, parts)
 
 
-def _fleet_section(run: Run, apart: BeforeAfter | None, show: html.Figures) -> html.Section:
+def _fleet_section(run: Run, disagreement: BeforeAfter | None, show: html.Figures) -> html.Section:
     names = run.order[:OVERVIEW]
     few = f"The {len(names)} aircraft with the largest amplitude."
     parts = [show("fleet", _fleet_figure(run.fits, names))]
-    if apart is not None:
-        parts.append(show("disagreement", _before_after_figure(run, apart, names)))
+    if disagreement is not None:
+        parts.append(show("disagreement", _before_after_figure(run, disagreement, names)))
     return html.Section("fleet", "The fleet", few if len(names) < len(run.order) else "", parts)
 
 
@@ -254,8 +254,8 @@ def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
     for axes, quantity in zip(panels, ("amplitude", "offset"), strict=True):
         value = fits[quantity].to_numpy().astype(float)
         half = NORMAL_95 * np.nan_to_num(fits[f"{quantity}_standard_error"].to_numpy())
-        known = np.isfinite(value)
-        marked |= known
+        finite = np.isfinite(value)
+        marked |= finite
         for index, reference in enumerate(references):
             solid, y = html.series(index, label=reference), np.arange(len(names)) + shift[index]
             hollow = {**solid, "color": SOFT, "markerfacecolor": "white", "label": None}
@@ -266,8 +266,8 @@ def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
         html.rows_axis(axes, names, f"{quantity} of the heading error (degree)")
         axes.set_title(quantity.capitalize())
         # Limits from the usable fits, so that one wild fit does not compress the others.
-        if (good & known).any():
-            low, high = (float(end(value[good & known])) for end in (np.min, np.max))
+        if (good & finite).any():
+            low, high = (float(end(value[good & finite])) for end in (np.min, np.max))
             margin = max(0.12 * (high - low), 0.5)
             low = 0.0 if quantity == "amplitude" else min(low - margin, 0.0)
             axes.set_xlim(low, max(high + margin, 0))
@@ -290,16 +290,16 @@ def _fleet_figure(fits: xr.Dataset, names: Sequence[str]) -> Figure:
     )
 
 
-def _before_after_figure(run: Run, apart: BeforeAfter, aircraft: Sequence[str]) -> Figure:
-    known, reference = names_of(run.headings), run.reference
-    rows = [known.index(name) for name in aircraft if apart.number[known.index(name)] > 0]
+def _before_after_figure(run: Run, disagreement: BeforeAfter, aircraft: Sequence[str]) -> Figure:
+    fleet, reference = names_of(run.headings), run.reference
+    rows = [fleet.index(name) for name in aircraft if disagreement.number[fleet.index(name)] > 0]
     if not rows:
         return html.empty_figure("No aircraft was corrected")
-    rows.sort(key=lambda row: -apart.reduction[row])
+    rows.sort(key=lambda row: -disagreement.reduction[row])
     height = 1.3 + max(0.22 * len(rows), 1.2)
     figure, (left, right) = html.panels(height, 1, 2, sharey=True, width_ratios=(1.5, 1))
-    before, after, reduction, half = (np.nan_to_num(part[rows]) for part in apart[:4])
-    y, names = np.arange(len(rows)), [known[row] for row in rows]
+    before, after, reduction, half = (np.nan_to_num(column[rows]) for column in disagreement[:4])
+    y, names = np.arange(len(rows)), [fleet[row] for row in rows]
     left.hlines(y, after, before, color=FAINT, linewidth=2.5)
     left.plot(before, y, "o", color=html.ORANGE, markersize=6, label="as reported")
     left.plot(after, y, "D", color=html.BLUE, markersize=5.5, label="corrected")
@@ -311,14 +311,14 @@ def _before_after_figure(run: Run, apart: BeforeAfter, aircraft: Sequence[str]) 
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure.say(
         f"Mean length of the difference from the {reference} wind (n = "
-        f"{plural(apart.number[rows].sum(), 'report')} of the fit): {(reduction > half).sum()} of "
-        f"{len(rows)} aircraft improve by more than their interval."
+        f"{plural(disagreement.number[rows].sum(), 'report')} of the fit): "
+        f"{(reduction > half).sum()} of {len(rows)} aircraft improve by more than their interval."
     )
 
 
 def _audit_section(headings: xr.Dataset) -> html.Section:
     reading = tally(headings, "reading_audit")
-    total, kept = headings.sizes["report"], selection.kept_reports(headings)
+    total, used = headings.sizes["report"], selection.kept_reports(headings)
     rules = selection.screening_audit(headings)
     longest = max((marked for _, marked, _ in rules), default=1)
     screened = [
@@ -332,18 +332,18 @@ def _audit_section(headings: xr.Dataset) -> html.Section:
         for rule, marked, alone in rules
     ]
     changed = [
-        {"on reading": f"{what}: {name.replace('_', ' ')}", "reports": number}
-        for what in ("dropped", "repaired")
-        for name, number in sorted(reading.get(what, {}).items(), key=lambda item: -item[1])
+        {"on reading": f"{action}: {name.replace('_', ' ')}", "reports": number}
+        for action in ("dropped", "repaired")
+        for name, number in sorted(reading.get(action, {}).items(), key=lambda item: -item[1])
         if number
     ]
-    others = [entry["reason"] for entry in reading.get("files_skipped", [])][1:_FILES_NAMED]
-    messages = [*reading_warnings(reading), *(f"also left out: {reason}" for reason in others)]
+    more = [entry["reason"] for entry in reading.get("files_skipped", [])][1:_FILES_NAMED]
+    messages = [*reading_warnings(reading), *(f"also left out: {reason}" for reason in more)]
     for name, entry in tally(headings, "reference_audit").items():
         why = model_reasons([*entry.get("skipped", []), *entry.get("unread", [])])
         messages += [f"{name}: {line}" for line in [*why, *entry.get("notes", [])]]
-    share = 100 * kept / max(total, 1)
-    lead = f"{kept:,} of {plural(total, 'report')} ({share:.1f} %) entered the fits."
+    share = 100 * used / max(total, 1)
+    lead = f"{used:,} of {plural(total, 'report')} ({share:.1f} %) entered the fits."
     parts = [
         html.table(screened, words=["screening rule", "reports marked"]),
         html.table(changed, words=["on reading"]),

@@ -83,7 +83,7 @@ def unread(problems: Iterable[tuple[object, str, str]]) -> list[LeftOut]:
     counts = Counter(
         (file, re.sub(r"^message at \d+: ", "", reason)) for _, file, reason in problems
     )
-    often = sorted(counts.items(), key=lambda one: (-one[1], one[0]))[:_ENTRIES_KEPT]
+    often = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:_ENTRIES_KEPT]
     return [
         {"file": file, "what": "message", "reason": reason, "count": count}
         for (file, reason), count in often
@@ -101,14 +101,14 @@ def reference_warnings(audits: Mapping[str, Any]) -> list[str]:
 
 def model_reasons(skipped: Sequence[LeftOut]) -> list[str]:
     """Return the skipped content of model files, one line for each reason, most files first."""
-    found: dict[tuple[str, str], list[LeftOut]] = defaultdict(list)
+    groups: dict[tuple[str, str], list[LeftOut]] = defaultdict(list)
     for entry in skipped:
-        found[entry["what"], entry["reason"]].append(entry)
+        groups[entry["what"], entry["reason"]].append(entry)
     lines = []
-    for (what, reason), entries in sorted(found.items(), key=lambda one: -len(one[1])):
+    for (kind, reason), entries in sorted(groups.items(), key=lambda item: -len(item[1])):
         names = [Path(entry["file"]).name for entry in entries]
         where = names[0] + (f" and {len(names) - 1} more files" if len(names) > 1 else "")
         total = sum(int(entry["count"]) for entry in entries)
-        number = "" if what == "file" else f"{total:,} times "
+        number = "" if kind == "file" else f"{total:,} times "
         lines.append(f"left out: {reason}, {number}in {where}")
     return lines

@@ -69,17 +69,17 @@ class Run:
 
     def fit(self, aircraft: str | int) -> xr.Dataset:
         """Return the fit of one aircraft, or raise InputError."""
-        chosen: dict[str, str | int] = {"reference": self.reference, "aircraft": aircraft}
-        for coordinate, name in chosen.items():
-            known = names_of(self.fits, coordinate)
+        position: dict[str, str | int] = {"reference": self.reference, "aircraft": aircraft}
+        for coordinate, name in position.items():
+            names = names_of(self.fits, coordinate)
             if isinstance(name, int | np.integer):
-                name = known[name]
-            if name not in known:
-                what = f"no such {coordinate}"
-                choice = f"Choose from {', '.join(known[:8])}{' ...' if len(known) > 8 else ''}"
-                raise InputError(what, field=coordinate, found=name, remedy=choice)
-            chosen[coordinate] = known.index(name)
-        return self.fits.isel(chosen)
+                name = names[name]
+            if name not in names:
+                message = f"no such {coordinate}"
+                choice = f"Choose from {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}"
+                raise InputError(message, field=coordinate, found=name, remedy=choice)
+            position[coordinate] = names.index(name)
+        return self.fits.isel(position)
 
     @cached_property
     def bias(self) -> Floats:
@@ -109,8 +109,8 @@ class Run:
         abscissa = "heading" if self.fits.attrs.get("abscissa") == "true" else "magnetic_heading"
         reports = drawn_columns(aircraft_reports(self.headings, aircraft))
         heading = reports[abscissa].to_numpy().astype(float) % 360.0
-        chosen = reports["heading_error"].sel(reference=members_of(reports, self.reference))
-        error = member_mean(chosen.astype(float)).to_numpy()
+        errors = reports["heading_error"].sel(reference=members_of(reports, self.reference))
+        error = member_mean(errors.astype(float)).to_numpy()
         if self.bias.any():
             true = np.radians(reports["heading"].to_numpy().astype(float))
             airspeed = reports["airspeed"].to_numpy().astype(float)
@@ -180,12 +180,12 @@ def coefficient_texts(fit: xr.Dataset) -> dict[str, str]:
     value = fit["deviation"].to_numpy().astype(float)
     variance = np.diagonal(fit["deviation_covariance"].to_numpy().astype(float))
     half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
-    found = {
+    texts = {
         name: f"{interval_text(value[k], half[k], sign=True)}°" for k, name in enumerate("ABCDE")
     }
     if "harmonics" in fit and int(fit["harmonics"]) == 1:
-        found |= {"D": "0", "E": "0"}
-    return found
+        texts |= {"D": "0", "E": "0"}
+    return texts
 
 
 class BeforeAfter(NamedTuple):
@@ -209,13 +209,13 @@ def disagreement(headings: xr.Dataset, corrected: xr.Dataset, reference: str) ->
     """
     number, names = headings.sizes["aircraft"], ["screening", "flight"]
     sums = np.zeros((3, SUMS, number))
-    for part in chunks(headings, {"": members_of(headings, reference)}, names, corrected):
+    for chunk in chunks(headings, {"": members_of(headings, reference)}, names, corrected):
         before, after = (
-            np.hypot(*(wind - part.model[""])) / KNOT for wind in (part.wind, part.corrected)
+            np.hypot(*(wind - chunk.model[""])) / KNOT for wind in (chunk.wind, chunk.corrected)
         )
         # Reports without a correction have equal disagreements and would reduce the gain.
-        keep = used(part.block) & is_corrected(part.applied) & np.isfinite(before + after)
-        cells = part.aircraft[keep], part.block["flight"].to_numpy()[keep], number
+        keep = used(chunk.block) & is_corrected(chunk.applied) & np.isfinite(before + after)
+        cells = chunk.aircraft[keep], chunk.block["flight"].to_numpy()[keep], number
         for part_sums, values in zip(sums, (before, after, before - after), strict=True):
             part_sums += cluster_sums(values[keep], *cells)
     # A flight belongs to one aircraft, so clustered sums of the fleet are sums over aircraft.
@@ -238,12 +238,12 @@ def screening_audit(headings: xr.Dataset) -> list[tuple[str, int, int]]:
 
 def screening_warnings(headings: xr.Dataset) -> list[str]:
     """Return a warning where screening kept less than a third of the reports, or none."""
-    kept, number = kept_reports(headings), headings.sizes["report"]
-    if 3 * kept >= number:
+    passed, number = kept_reports(headings), headings.sizes["report"]
+    if 3 * passed >= number:
         return []
     rule, marked, alone = screening_audit(headings)[0]
     return [
-        f"screening kept {kept:,} of {number:,} reports ({kept / number:.0%}): the rule {rule} "
+        f"screening kept {passed:,} of {number:,} reports ({passed / number:.0%}): the rule {rule} "
         f"left out most, {marked:,} ({alone:,} of them alone)"
     ]
 
