@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def _text(given: str) -> str:
+def _text(text: str) -> str:
     # An empty path, as from an unset variable of a script, would be the current directory.
-    if not given.strip():
+    if not text.strip():
         raise typer.BadParameter("the path is empty")
-    return given
+    return text
 
 
-def _path(given: str) -> Path:
-    return Path(_text(given))
+def _path(text: str) -> Path:
+    return Path(_text(text))
 
 
 ConfigPath = Annotated[
@@ -92,9 +92,9 @@ def _alone(stage: Callable[[Job], T], config: Path, **options: Any) -> tuple[Job
 def _print(content: object, *, as_json: bool, text: str) -> None:
     import json
 
-    from airswing.products.whole_files import plain
+    from airswing.products.whole_files import json_types
 
-    print(json.dumps(plain(content), indent=2) if as_json else text, flush=True)
+    print(json.dumps(json_types(content), indent=2) if as_json else text, flush=True)
 
 
 @app.command()
@@ -244,9 +244,9 @@ def monitor(
 
     from airswing import workflow
 
-    job, found = _alone(workflow.make_monitoring, config, output=output, quiet=quiet)
-    _print(asdict(found), as_json=json, text=found.text)
-    workflow.events_said(job, len(found.events))
+    job, monitoring = _alone(workflow.make_monitoring, config, output=output, quiet=quiet)
+    _print(asdict(monitoring), as_json=json, text=monitoring.text)
+    workflow.events_said(job, len(monitoring.events))
 
 
 @app.command()
@@ -307,8 +307,12 @@ def export(
     from airswing.products.netcdf import product_path
 
     job = workflow.Job.of(config, quiet=quiet)
-    given: dict[str, object] = {"domain": domain, "platform": platform, "identifiers": identifiers}
-    given |= {"base": base, "start": start, "end": end}
+    options: dict[str, object] = {
+        "domain": domain,
+        "platform": platform,
+        "identifiers": identifiers,
+    }
+    options |= {"base": base, "start": start, "end": end}
     with job.progress.stage("export") as stage:
         result = write_export(
             product_path(job.output, workflow.CORRECTED),
@@ -318,7 +322,7 @@ def export(
             window=window,
             soundings=soundings,
             overwrite=overwrite,
-            settings=with_handover(job.config, given),
+            settings=with_handover(job.config, options),
         )
         number = len(result["files"])
         stage.note = f"{number:,} file{'s' * (number != 1)}"
@@ -482,8 +486,8 @@ def inspect(
     """Print the content of GRIB files, report files or products."""
     from airswing.workflow.inspection import as_text, inspect_file
 
-    found = [inspect_file(file) for file in files]
-    _print(found, as_json=json, text="\n\n".join(as_text(entry) for entry in found))
+    summaries = [inspect_file(file) for file in files]
+    _print(summaries, as_json=json, text="\n\n".join(as_text(entry) for entry in summaries))
 
 
 def main() -> None:

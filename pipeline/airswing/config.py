@@ -100,13 +100,13 @@ class Naming(_Section):
     projection: str | dict[str, object] | None = None
     units: dict[str, str] = {}  # by variable, if absent or wrong
 
-    def given(self) -> list[str]:
-        """Keys that are given."""
+    def stated(self) -> list[str]:
+        """Keys that have a value."""
         return [key for key in Naming.model_fields if getattr(self, key)]
 
     def named(self) -> list[tuple[str, str]]:
         """Keys that name variables or coordinates, and these names."""
-        keys = [key for key in self.given() if key not in ("winds", "projection", "units")]
+        keys = [key for key in self.stated() if key not in ("winds", "projection", "units")]
         return [*((key, getattr(self, key)) for key in keys), *(("units", n) for n in self.units)]
 
 
@@ -131,7 +131,7 @@ class Reference(Naming):
 
     def naming(self) -> dict[str, object]:
         """Names and metadata of the files' variables that the configuration states."""
-        return {key: getattr(self, key) for key in self.given()}
+        return {key: getattr(self, key) for key in self.stated()}
 
 
 class Collocation(_Section):
@@ -192,9 +192,9 @@ class FieldTest(_Section):
 
     @model_validator(mode="after")
     def _groups_and_windows(self) -> FieldTest:
-        both = sorted(set(self.corrected) & set(self.controls))
-        if both:
-            raise ValueError(f"aircraft in both groups: {', '.join(both)}")
+        shared = sorted(set(self.corrected) & set(self.controls))
+        if shared:
+            raise ValueError(f"aircraft in both groups: {', '.join(shared)}")
         if not self.corrected or not self.controls:
             raise ValueError("corrected and controls must each name at least one aircraft")
         if self.before_start >= self.start:
@@ -291,7 +291,7 @@ class Postprocess(_Section):
         if (self.forecasts is None) != (self.stations is None):
             missing = "stations" if self.stations is None else "forecasts"
             raise ValueError(f"forecasts and stations go together: {missing} is missing")
-        if sum(one is not None for one in (self.pairs, self.forecasts, self.winds)) != 1:
+        if sum(source is not None for source in (self.pairs, self.forecasts, self.winds)) != 1:
             raise ValueError("give one of pairs, forecasts with stations, and winds")
         return self
 
@@ -354,9 +354,9 @@ class Config(_Section):
                 raise ValueError(
                     f"pool.{name}: {barred[0]!r} is in never_pool and may be compared, not pooled"
                 )
-        known = [*self.references, *self.pool]
-        if self.gap.reference is not None and self.gap.reference not in known:
-            near = nearest(self.gap.reference, known)
+        names = [*self.references, *self.pool]
+        if self.gap.reference is not None and self.gap.reference not in names:
+            near = nearest(self.gap.reference, names)
             raise ValueError(f"gap.reference: no reference or pool {self.gap.reference!r}{near}")
         return self
 

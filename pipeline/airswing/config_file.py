@@ -68,16 +68,16 @@ def load_postprocess(
             field="postprocess",
             remedy="Add postprocess with pairs, or with forecasts and stations",
         )
-    whole = "reports" in content or "references" in content
-    model: type[Config | PostprocessConfig] = Config if whole else PostprocessConfig
-    found = _validated(model, content, Path(path))
-    assert found.postprocess is not None
-    return found.postprocess, found.output, found
+    has_archive = "reports" in content or "references" in content
+    model: type[Config | PostprocessConfig] = Config if has_archive else PostprocessConfig
+    config = _validated(model, content, Path(path))
+    assert config.postprocess is not None
+    return config.postprocess, config.output, config
 
 
-def with_handover(config: Config, given: Mapping[str, object]) -> Handover:
+def with_handover(config: Config, overrides: Mapping[str, object]) -> Handover:
     """Return the section ``handover`` with the options of a command that are not None."""
-    options = {key: value for key, value in given.items() if value is not None}
+    options = {key: value for key, value in overrides.items() if value is not None}
     try:
         return Handover.model_validate(config.handover.model_dump() | options)
     except ValidationError as err:
@@ -128,9 +128,9 @@ def _explained(err: ValidationError, path: Path, model: type[BaseModel]) -> Conf
     An unknown key is reported before a required key that is missing because of it.
     """
     faults: dict[str, ErrorDetails] = {}  # the first of each key
-    for fault in sorted(err.errors(), key=lambda one: one["type"] != "extra_forbidden"):
+    for fault in sorted(err.errors(), key=lambda fault: fault["type"] != "extra_forbidden"):
         # Pydantic adds the name of an alternative (``int | "auto"``) to the location.
-        keys = [str(part) for part in fault["loc"] if part != "constrained-int"]
+        keys = [str(key) for key in fault["loc"] if key != "constrained-int"]
         faults.setdefault(".".join(k for k in keys if not k.startswith("literal[")), fault)
 
     def message(fault: ErrorDetails) -> str:
@@ -140,15 +140,15 @@ def _explained(err: ValidationError, path: Path, model: type[BaseModel]) -> Conf
         missing = fault["type"] == "missing"
         return "required key is missing" if missing else fault["msg"].removeprefix("Value error, ")
 
-    (place, first), *others = faults.items()
-    what = message(first) + "".join(f"; {key}: {message(one)}" for key, one in others)
+    (place, first), *remaining = faults.items()
+    text = message(first) + "".join(f"; {key}: {message(fault)}" for key, fault in remaining)
     value = first["input"]
-    found = None
+    shown = None
     if first["type"] not in ("extra_forbidden", "missing") and not isinstance(
         value, dict | BaseModel
     ):
-        found = shortened(repr(value) if isinstance(value, str) else value)
-    return ConfigError(what, file=path, field=place or None, found=found)
+        shown = shortened(repr(value) if isinstance(value, str) else value)
+    return ConfigError(text, file=path, field=place or None, found=shown)
 
 
 def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
@@ -165,8 +165,8 @@ def _section_of(annotation: object) -> type[BaseModel] | None:
     """The section in a field's type: itself, or optional, or the values of a mapping."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    inner = (_section_of(one) for one in typing.get_args(annotation))
-    return next((one for one in inner if one is not None), None)
+    inner = (_section_of(section) for section in typing.get_args(annotation))
+    return next((section for section in inner if section is not None), None)
 
 
 def load_yaml(path: Path, kind: type[InputError] = InputError) -> object:
@@ -188,8 +188,8 @@ def load_yaml(path: Path, kind: type[InputError] = InputError) -> object:
     except RecursionError as err:
         raise kind("not a YAML file: nested too deeply", file=path) from err
     except yaml.YAMLError as err:
-        found = " ".join(str(err).split())
-        raise kind("not a YAML file that airswing can read", file=path, found=found) from err
+        problem = " ".join(str(err).split())
+        raise kind("not a YAML file that airswing can read", file=path, found=problem) from err
 
 
 class _Loader(yaml.SafeLoader):
@@ -206,8 +206,8 @@ class _Loader(yaml.SafeLoader):
             value = super().construct_object(node, deep=deep)
         except (ValueError, ArithmeticError, TypeError, AttributeError, LookupError) as err:
             written = shortened(getattr(node, "value", ""), 80)
-            what = f"{written!r} is not a valid {node.tag.rpartition(':')[2]}"
-            raise _fault(what, node) from err
+            text = f"{written!r} is not a valid {node.tag.rpartition(':')[2]}"
+            raise _fault(text, node) from err
         # lone surrogates cannot be encoded
         if isinstance(value, str) and re.search("[\0\ud800-\udfff]", value):
             raise _fault("text that cannot be used", node)
@@ -226,5 +226,5 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep=deep)
 
 
-def _fault(what: str, where: Any) -> yaml.YAMLError:
-    return yaml.YAMLError(f"line {where.start_mark.line + 1}: {what}")
+def _fault(text: str, node: Any) -> yaml.YAMLError:
+    return yaml.YAMLError(f"line {node.start_mark.line + 1}: {text}")

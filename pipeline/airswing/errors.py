@@ -33,9 +33,9 @@ def shortened(value: object, most: int = _LONGEST_PART) -> str:
     elif isinstance(value, int) and value.bit_length() > _MOST_BITS:
         text = f"a whole number of {value.bit_length():,} bits"
     else:
-        plain = isinstance(value, list | tuple | dict | set | frozenset | bytes)
+        is_container = isinstance(value, list | tuple | dict | set | frozenset | bytes)
         try:
-            text = _REPR.repr(value) if plain else str(value)
+            text = _REPR.repr(value) if is_container else str(value)
         except (ValueError, RecursionError):  # it contains a number of very many digits
             text = f"a {type(value).__name__}"
     over = len(text) - 4 * most  # before the costly part
@@ -98,9 +98,9 @@ class ConfigError(InputError):
     """Error raised for an invalid configuration."""
 
 
-def nearest(word: str, known: Sequence[str]) -> str:
-    """Return the end of a message: the known word nearest to a word, or all known words."""
-    near = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+def nearest(word: str, names: Sequence[str]) -> str:
+    """Return the end of a message: the name nearest to a word, or all names."""
+    near = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
     if near:
         return f"; did you mean {near[0]!r}?"
-    return f"; known: {', '.join(known)}" if known else ""
+    return f"; known: {', '.join(names)}" if names else ""

@@ -43,21 +43,21 @@ class Variable:
 
     def attributes(self) -> dict[str, object]:
         """CF attributes of the variable."""
-        found: dict[str, object] = {"long_name": self.long_name}
+        attributes: dict[str, object] = {"long_name": self.long_name}
         if self.units:
-            found["units"] = self.units
+            attributes["units"] = self.units
         if self.standard_name:
-            found["standard_name"] = self.standard_name
+            attributes["standard_name"] = self.standard_name
         if self.standard_name == "air_temperature":
-            found["units_metadata"] = "temperature: on_scale"
+            attributes["units_metadata"] = "temperature: on_scale"
         if self.dtype.startswith("datetime64"):
-            found["units_metadata"] = "leap_seconds: none"
+            attributes["units_metadata"] = "leap_seconds: none"
         if self.flags is not None:
             # The bits of ``screening`` may be set together; other flags have one value.
             kind = "flag_masks" if self.flags is flags.SCREENING else "flag_values"
-            found[kind] = np.array(list(self.flags.values()), dtype=self.dtype)
-            found["flag_meanings"] = " ".join(self.flags)
-        return found
+            attributes[kind] = np.array(list(self.flags.values()), dtype=self.dtype)
+            attributes["flag_meanings"] = " ".join(self.flags)
+        return attributes
 
 
 with TABLE.open(encoding="ascii", newline="") as _file:

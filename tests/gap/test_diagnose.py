@@ -14,7 +14,7 @@ from airswing.gap.diagnose import attributed, diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import active_effects
-from airswing.products.whole_files import plain
+from airswing.products.whole_files import json_types
 
 SMALL = {
     n: CATALOGUE[n]
@@ -95,9 +95,9 @@ def test_constant_one_and_two_cycles_of_all_aircraft_are_three_names(size):
 
 def test_products_are_complete_and_serialise(iron):
     frame, diagnosis = iron
-    content = plain(diagnosis.report.content())
+    content = json_types(diagnosis.report.content())
     read = GapReport.of(json.loads(json.dumps(content, allow_nan=False)))
-    assert plain(read.content()) == content
+    assert json_types(read.content()) == content
     assert [w.label for w in diagnosis.report.waterfall][-1] == "noise floor"
     heading = diagnosis.dataset["heading_map"]
     assert heading.dims == ("aircraft", "octant")

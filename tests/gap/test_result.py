@@ -27,7 +27,7 @@ from airswing.gap.simulation.effects_file import (
     unknown_not_known,
     write_effects,
 )
-from airswing.products.whole_files import plain
+from airswing.products.whole_files import json_types
 
 
 def stated(name, *tails, detailed=None):
@@ -70,7 +70,7 @@ def test_a_known_floor_of_the_speeds_is_not_told_again():
 
 
 def test_a_number_of_another_kind_is_named(tmp_path):
-    content = plain(gap_factories.content(stated("hard_iron", "N401")).content())
+    content = json_types(gap_factories.content(stated("hard_iron", "N401")).content())
     parameters = {"range": [-15.0, 0.0], "pair": ["N401"], "word": "flag", "none": None}
     content["effects"][0]["parameters"] = parameters
     assert GapReport.of(content).effects[0].parameters == parameters

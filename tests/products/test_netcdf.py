@@ -19,7 +19,7 @@ from airswing.products.netcdf import (
     written_here,
 )
 from airswing.products.ragged import aircraft_of_report, row_bounds
-from airswing.products.whole_files import atomic, plain, write_json
+from airswing.products.whole_files import atomic, json_types, write_json
 from airswing.vocabulary import lookup
 
 
@@ -75,7 +75,7 @@ def test_a_failure_midway_leaves_the_earlier_product(tmp_path):
 
 def test_plain_turns_not_a_number_into_none():
     value = {"a": np.float32("nan"), "b": np.arange(2), "c": [np.bool_(True), (1.5,)]}
-    assert plain(value) == {"a": None, "b": [0, 1], "c": [True, [1.5]]}
+    assert json_types(value) == {"a": None, "b": [0, 1], "c": [True, [1.5]]}
 
 
 def test_the_phase_of_flight_and_of_the_curve_are_distinguished():

@@ -16,7 +16,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import active_effects, read_effects
 from airswing.products.netcdf import read_product
-from airswing.products.whole_files import plain
+from airswing.products.whole_files import json_types
 from airswing.reference.collocate import DERIVATIVES
 from airswing.report.gap.words import start_words, verdict
 from airswing.workflow import Job, gap_stage
@@ -64,7 +64,7 @@ def test_known_effects_are_not_stated_again_and_headings_are_not_made_again(
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "out" / "gap.json").read_text())
     report = GapReport.read(tmp_path / "out" / "gap.json")
-    assert plain(report.content()) == found
+    assert json_types(report.content()) == found
     assert [(one.name, one.tails) for one in report.effects] == [("tas_scale", ["N403"])]
     assert [path.stat().st_mtime_ns for path in months] == made
     headings = read_product(tmp_path / "out" / "headings")
@@ -132,7 +132,7 @@ def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp
     start = begin(job, archive_frame, simulated=f"{folder}/*.csv")
     assert asked[0].config.reports.files == [f"{folder}/*.csv"]
     assert asked[0].output.parent == job.output
-    assert [(one.name, one.tails) for one in start.known] == [
+    assert [(one.name, one.tails) for one in start.removed] == [
         ("hard_iron", ("N401",)),
         ("tas_offset", None),
     ]

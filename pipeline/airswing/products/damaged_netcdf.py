@@ -99,26 +99,26 @@ def _extent(file: BinaryIO) -> tuple[int, int]:
     """
 
     def number(length: int = 4) -> int:
-        found = file.read(length)
-        if len(found) < length:
+        content = file.read(length)
+        if len(content) < length:
             raise ValueError("it ends in its header")
-        return int.from_bytes(found, "big")
+        return int.from_bytes(content, "big")
 
     def length() -> int:
-        found = number(wide)
-        if found > _MOST:
-            raise ValueError(f"a list of {found:,} entries")
-        return found
+        size = number(wide)
+        if size > _MOST:
+            raise ValueError(f"a list of {size:,} entries")
+        return size
 
     def skip(bytes_of_each: int = 1) -> None:  # names and values are padded to four bytes
         size = bytes_of_each * length()
         number(size + -size % 4)
 
     def entries(tag: int) -> range:
-        kind, found = number(), length()
-        if kind not in (0, tag) or (kind == 0 and found):
+        kind, size = number(), length()
+        if kind not in (0, tag) or (kind == 0 and size):
             raise ValueError("a list of an unexpected kind")
-        return range(found)
+        return range(size)
 
     def value_size() -> int:
         kind = number()
@@ -145,14 +145,14 @@ def _extent(file: BinaryIO) -> tuple[int, int]:
         skip()
         dims = [number(wide) for _ in range(length())]
         attributes()
-        each, _, begin = value_size(), number(wide), number(4 if version == 1 else 8)
+        value_bytes, _, begin = value_size(), number(wide), number(4 if version == 1 else 8)
         if any(dim >= len(sizes) for dim in dims):
             raise ValueError("a variable of an unknown dimension")
         shape = [sizes[dim] for dim in dims]
         if shape and shape[0] == 0:  # the record dimension
-            rows.append((begin, each * math.prod(shape[1:])))
+            rows.append((begin, value_bytes * math.prod(shape[1:])))
         else:
-            end = max(end, begin + each * math.prod(shape))
+            end = max(end, begin + value_bytes * math.prod(shape))
     if rows and records and records not in _STREAMING:
         # A single variable of records has no padding between them.
         step = sum(size + -size % 4 * (len(rows) > 1) for _, size in rows)

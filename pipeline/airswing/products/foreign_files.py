@@ -28,8 +28,8 @@ def foreign_file(path: object, start: bytes, role: str = "") -> InputError | Non
     """
     content = start.removeprefix(b"\xef\xbb\xbf").lstrip() or start
     for kind in _kinds():
-        found = re.match(kind["first_bytes"].encode("ascii"), content)
-        if found and kind["refused_as"] in ("", role):
-            what = kind["what"].format(*(group.decode() for group in found.groups(b"")))
-            return InputError(what, file=path, remedy=kind["remedy"])
+        match = re.match(kind["first_bytes"].encode("ascii"), content)
+        if match and kind["refused_as"] in ("", role):
+            message = kind["what"].format(*(group.decode() for group in match.groups(b"")))
+            return InputError(message, file=path, remedy=kind["remedy"])
     return None

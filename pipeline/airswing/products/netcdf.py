@@ -21,7 +21,7 @@ import xarray as xr
 from airswing.errors import InputError
 from airswing.products.damaged_netcdf import DAMAGE, require_sound, written_here
 from airswing.products.ragged import joined_months
-from airswing.products.whole_files import atomic, plain
+from airswing.products.whole_files import atomic, json_types
 from airswing.version import __version__
 from airswing.vocabulary import describe, lookup
 
@@ -84,8 +84,8 @@ def write_product(
 
     Examples
     --------
-    >>> one = airswing.aircraft_reports(corrected, "N401")
-    >>> airswing.write_product(one, folder / "N401.nc", title="Corrected winds of N401").name
+    >>> reports = airswing.aircraft_reports(corrected, "N401")
+    >>> airswing.write_product(reports, folder / "N401.nc", title="Corrected winds of N401").name
     'N401.nc'
     """
     path = Path(path)
@@ -96,7 +96,9 @@ def write_product(
     ds.attrs = {
         **{
             # NetCDF attributes hold no mappings
-            key: json.dumps(plain(value)) if isinstance(value, (Mapping, list, bool)) else value
+            key: json.dumps(json_types(value))
+            if isinstance(value, (Mapping, list, bool))
+            else value
             for key, value in ds.attrs.items()
         },
         "Conventions": "CF-1.11, ACDD-1.3",
@@ -122,8 +124,8 @@ def write_product(
     netCDF4.set_chunk_cache(size=_CHUNK_CACHE)
     # xarray's lock of the file cannot be sent to the processes of dask's local scheduler.
     processes = dask.config.get("scheduler", None) in ("processes", "multiprocessing")
-    here = dask.config.set(scheduler="threads") if processes else contextlib.nullcontext()
-    with atomic(path) as temporary, here:
+    scheduler = dask.config.set(scheduler="threads") if processes else contextlib.nullcontext()
+    with atomic(path) as temporary, scheduler:
         encoding = {name: _encoding(ds[name]) for name in ds.variables}
         ds.to_netcdf(temporary, engine="netcdf4", encoding=encoding)
     written_here(path)
@@ -266,10 +268,10 @@ def open_results(folder: str | Path) -> xr.DataTree:
     """
     folder = Path(folder).expanduser()
     paths = {name: product_path(folder, name) for name in PRODUCTS}
-    found = {name: open_product(path) for name, path in paths.items() if path.exists()}
-    if not found:
+    products = {name: open_product(path) for name, path in paths.items() if path.exists()}
+    if not products:
         raise InputError("no product in the folder", file=folder, remedy=_MAKE)
-    return xr.DataTree.from_dict(found)
+    return xr.DataTree.from_dict(products)
 
 
 def product_path(folder: Path, name: str) -> Path:

@@ -43,16 +43,16 @@ def row_bounds(row_size: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArra
 
 def aircraft_groups(row_size: NDArray[np.integer], limit: int = BLOCK_REPORTS) -> list[slice]:
     """Group consecutive aircraft: at most ``limit`` reports in a group, or a single aircraft."""
-    found: list[slice] = []
+    groups: list[slice] = []
     total = 0
     for number, size in enumerate(np.asarray(row_size).tolist()):
         total += size
-        if found and total <= limit:
-            found[-1] = slice(found[-1].start, number + 1)
+        if groups and total <= limit:
+            groups[-1] = slice(groups[-1].start, number + 1)
         else:
-            found.append(slice(number, number + 1))
+            groups.append(slice(number, number + 1))
             total = size
-    return found
+    return groups
 
 
 def blocks(ds: xr.Dataset, names: Sequence[str] | None = None) -> Iterator[xr.Dataset]:
@@ -66,32 +66,32 @@ def blocks(ds: xr.Dataset, names: Sequence[str] | None = None) -> Iterator[xr.Da
     row_size = ds["row_size"].to_numpy()
     start, stop = row_bounds(row_size)
     wanted = dict.fromkeys([*(names or ()), "row_size"])
-    chosen = ds if names is None else ds[[name for name in wanted if name in ds]]
+    subset = ds if names is None else ds[[name for name in wanted if name in ds]]
     for group in aircraft_groups(row_size):
         reports = slice(int(start[group.start]), int(stop[group.stop - 1]))
-        yield chosen.isel({"aircraft": group, "report": reports}, missing_dims="ignore").load()
+        yield subset.isel({"aircraft": group, "report": reports}, missing_dims="ignore").load()
 
 
 def time_span(ds: xr.Dataset) -> tuple[np.datetime64, np.datetime64]:
     """First and last time of an archive with at least one report."""
-    first, last = (one.compute().data[()] for one in (ds["time"].min(), ds["time"].max()))
+    first, last = (extreme.compute().data[()] for extreme in (ds["time"].min(), ds["time"].max()))
     return first, last
 
 
-def some_reports(ds: xr.Dataset, chosen: NDArray[np.bool_]) -> xr.Dataset:
+def some_reports(ds: xr.Dataset, mask: NDArray[np.bool_]) -> xr.Dataset:
     """Select reports by a mask (report,), in memory; an aircraft may keep no report."""
-    size = np.bincount(aircraft_of_report(ds)[chosen], minlength=ds.sizes["aircraft"])
-    return ds.isel(report=np.flatnonzero(chosen)).assign(row_size=("aircraft", size))
+    size = np.bincount(aircraft_of_report(ds)[mask], minlength=ds.sizes["aircraft"])
+    return ds.isel(report=np.flatnonzero(mask)).assign(row_size=("aircraft", size))
 
 
-def joined(parts: Sequence[xr.Dataset]) -> xr.Dataset:
+def joined(datasets: Sequence[xr.Dataset]) -> xr.Dataset:
     """Concatenate blocks of whole aircraft, with the attributes of the first."""
-    reports = xr.concat([part.drop_dims("aircraft") for part in parts], "report", **_CONCAT)
-    return reports.merge(_by_aircraft(parts))
+    reports = xr.concat([ds.drop_dims("aircraft") for ds in datasets], "report", **_CONCAT)
+    return reports.merge(_by_aircraft(datasets))
 
 
-def _by_aircraft(parts: Sequence[xr.Dataset]) -> xr.Dataset:
-    return xr.concat([part.drop_dims("report") for part in parts], "aircraft", **_CONCAT)
+def _by_aircraft(datasets: Sequence[xr.Dataset]) -> xr.Dataset:
+    return xr.concat([ds.drop_dims("report") for ds in datasets], "aircraft", **_CONCAT)
 
 
 def aircraft_of_report(ds: xr.Dataset) -> NDArray[np.int64]:
@@ -122,8 +122,8 @@ def aircraft_reports(ds: xr.Dataset, aircraft: str) -> xr.Dataset:
 
     Examples
     --------
-    >>> one = airswing.aircraft_reports(headings, "N403")
-    >>> one["aircraft"].item(), int(one["row_size"]) == one.sizes["report"]
+    >>> reports = airswing.aircraft_reports(headings, "N403")
+    >>> reports["aircraft"].item(), int(reports["row_size"]) == reports.sizes["report"]
     ('N403', True)
     """
     names = ds["aircraft"].to_numpy().astype(str).tolist()
@@ -144,31 +144,36 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
     first = months[0]
     other_dims = [month.drop_dims(["report", "aircraft"]) for month in months]
     if any(set(month.variables) != set(first.variables) for month in months) or not all(
-        one.coords.equals(other_dims[0].coords) for one in other_dims
+        month.coords.equals(other_dims[0].coords) for month in other_dims
     ):
         raise ValueError("the months hold different variables or references")
     sizes = [month["row_size"].to_series() for month in months]
-    if not all(one.index.is_monotonic_increasing and one.index.is_unique for one in sizes):
+    if not all(size.index.is_monotonic_increasing and size.index.is_unique for size in sizes):
         raise ValueError("the aircraft are not in alphabetical order")
     counts = pd.concat(sizes, axis=1).sort_index().fillna(0).to_numpy(np.int64).T
     flights = [int(month.attrs.get(FLIGHTS, 0)) for month in months]
     attributes = _attributes(months)
     # Values by aircraft are those of its last month.
-    whole = _by_aircraft(months).drop_duplicates("aircraft", keep="last").sortby("aircraft")
-    whole = whole.assign_coords(aircraft=whole["aircraft"].astype(str).astype(object))
-    whole["row_size"] = "aircraft", counts.sum(axis=0).astype(np.int32), first["row_size"].attrs
+    archive = _by_aircraft(months).drop_duplicates("aircraft", keep="last").sortby("aircraft")
+    archive = archive.assign_coords(aircraft=archive["aircraft"].astype(str).astype(object))
+    archive["row_size"] = "aircraft", counts.sum(axis=0).astype(np.int32), first["row_size"].attrs
     for name, variable in first.data_vars.items():
         if "report" in variable.dims:
-            parts = [month.variables[name] for month in months]
-            earlier = np.cumsum([0, *flights[:-1]]) if name == "flight" else np.zeros(len(parts))
+            variables = [month.variables[name] for month in months]
+            earlier = (
+                np.cumsum([0, *flights[:-1]]) if name == "flight" else np.zeros(len(variables))
+            )
             token = f"months-{attributes['uuid']}-{name}"
-            lazy = _reports_by_aircraft(parts, counts, earlier.astype(np.int64), token)
-            whole[name] = variable.dims, lazy, variable.attrs
-    return whole[list(first.data_vars)].assign_attrs(attributes)
+            lazy = _reports_by_aircraft(variables, counts, earlier.astype(np.int64), token)
+            archive[name] = variable.dims, lazy, variable.attrs
+    return archive[list(first.data_vars)].assign_attrs(attributes)
 
 
 def _reports_by_aircraft(
-    parts: Sequence[xr.Variable], counts: NDArray[np.int64], added: NDArray[np.int64], token: str
+    variables: Sequence[xr.Variable],
+    counts: NDArray[np.int64],
+    added: NDArray[np.int64],
+    token: str,
 ) -> da.Array:
     """One variable of all months, (..., report), in lazy chunks of whole aircraft.
 
@@ -176,16 +181,16 @@ def _reports_by_aircraft(
     """
     stop = np.cumsum(counts, axis=1)
     groups = aircraft_groups(counts.sum(axis=0))
-    dtype = np.result_type(*(part.dtype for part in parts))
+    dtype = np.result_type(*(variable.dtype for variable in variables))
 
     def chunk(block_id: tuple[int, ...]) -> NDArray[np.generic]:
         group = groups[block_id[-1]]
         values, owner = [], []
-        for part, number, end, more in zip(
-            parts, counts[:, group], stop[:, group], added, strict=True
+        for variable, number, end, more in zip(
+            variables, counts[:, group], stop[:, group], added, strict=True
         ):
-            one = part[..., end[0] - number[0] : end[-1]].to_numpy()
-            values.append(one + more if more else one)
+            block = variable[..., end[0] - number[0] : end[-1]].to_numpy()
+            values.append(block + more if more else block)
             owner.append(np.repeat(np.arange(number.size), number))
         order = np.argsort(np.concatenate(owner), kind="stable")
         return np.concatenate(values, axis=-1)[..., order].astype(dtype)
@@ -193,38 +198,38 @@ def _reports_by_aircraft(
     sizes = tuple(int(counts[:, group].sum()) for group in groups)
     lazy: da.Array = da.map_blocks(
         chunk,
-        chunks=(*((size,) for size in parts[0].shape[:-1]), sizes),
+        chunks=(*((size,) for size in variables[0].shape[:-1]), sizes),
         dtype=dtype,
-        meta=np.empty((0,) * parts[0].ndim, dtype),
+        meta=np.empty((0,) * variables[0].ndim, dtype),
         name=token,
     )
     return lazy
 
 
 def _attributes(months: Sequence[xr.Dataset]) -> dict[str, object]:
-    found = dict(months[-1].attrs)
+    attributes = dict(months[-1].attrs)
     if len(months) == 1:
-        return found
+        return attributes
     uuids = "".join(str(month.attrs["uuid"]) for month in months)
-    found["uuid"] = hashlib.sha256(uuids.encode()).hexdigest()[:32]
-    for name in found:
+    attributes["uuid"] = hashlib.sha256(uuids.encode()).hexdigest()[:32]
+    for name in attributes:
         values = [month.attrs[name] for month in months if name in month.attrs]
         if name in (FLIGHTS, "kept_reports"):
-            found[name] = sum(map(int, values))
+            attributes[name] = sum(map(int, values))
         elif name in COVERAGE:
-            found[name] = min(values) if name.endswith(("_start", "_min")) else max(values)
+            attributes[name] = min(values) if name.endswith(("_start", "_min")) else max(values)
         elif name in _TALLIES:
-            found[name] = json.dumps(_summed([json.loads(value) for value in values]))
-    return found
+            attributes[name] = json.dumps(_summed([json.loads(value) for value in values]))
+    return attributes
 
 
-def _summed(parts: Sequence[Any]) -> object:
-    if all(isinstance(part, Mapping) for part in parts):
-        names = dict.fromkeys(name for part in parts for name in part)
-        return {name: _summed([part[name] for part in parts if name in part]) for name in names}
-    if all(isinstance(part, int) for part in parts):
-        return sum(parts)
-    full = [part for part in parts if part]
-    if all(isinstance(part, list) and isinstance(part[0], dict) for part in full):
-        return [entry for part in full for entry in part]
-    return parts[-1]
+def _summed(values: Sequence[Any]) -> object:
+    if all(isinstance(value, Mapping) for value in values):
+        names = dict.fromkeys(name for value in values for name in value)
+        return {name: _summed([value[name] for value in values if name in value]) for name in names}
+    if all(isinstance(value, int) for value in values):
+        return sum(values)
+    full = [value for value in values if value]
+    if all(isinstance(value, list) and isinstance(value[0], dict) for value in full):
+        return [entry for value in full for entry in value]
+    return values[-1]

@@ -33,7 +33,7 @@ _DIGITS = 32  # hexadecimal: 128 bits, so that no two fingerprints are equal by 
 
 
 @contextlib.contextmanager
-def atomic(path: Path, what: str = "product") -> Iterator[Path]:
+def atomic(path: Path, kind: str = "product") -> Iterator[Path]:
     """Give a temporary name to write to, and rename it to ``path`` when the block ends well.
 
     Its folder is created if absent; ``what`` names the file in the error if it cannot be written.
@@ -64,7 +64,7 @@ def atomic(path: Path, what: str = "product") -> Iterator[Path]:
         if isinstance(err, RuntimeError) and "NetCDF" not in str(err) and message is None:
             raise
         raise InputError(
-            f"cannot write the {what}; nothing was changed",
+            f"cannot write the {kind}; nothing was changed",
             file=path,
             found=message[1] if message else getattr(err, "strerror", None) or err,
             remedy="Free space or choose another folder with --output",
@@ -88,19 +88,19 @@ def write_text(path: Path, text: str) -> Path:
 
 def write_json(path: Path, content: Mapping[str, object]) -> Path:
     """Write a JSON file atomically; NaN and infinities become null."""
-    return write_text(path, json.dumps(plain(content), indent=2, allow_nan=False) + "\n")
+    return write_text(path, json.dumps(json_types(content), indent=2, allow_nan=False) + "\n")
 
 
 def read_note(path: Path) -> dict[str, Any]:
     """Read the JSON file of an earlier run; empty if it is absent or damaged."""
     try:
-        found = json.loads(path.read_text())
+        note = json.loads(path.read_text())
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return note if isinstance(note, dict) else {}
 
 
-def plain(value: object) -> object:
+def json_types(value: object) -> object:
     """Convert numpy and pandas values, also nested, to JSON types.
 
     NaN and infinities become None; objects of other types become text.
@@ -108,9 +108,9 @@ def plain(value: object) -> object:
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): json_types(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set):
-        return [plain(item) for item in value]
+        return [json_types(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value if value is None or isinstance(value, bool | int | float | str) else str(value)
@@ -148,8 +148,8 @@ def workspace(folder: Path) -> Iterator[None]:
             pass  # files cannot be locked here
         else:
             # only with the lock: temporary files of a running process look the same
-            for left in folder.rglob("*.part"):
-                left.unlink(missing_ok=True)
+            for partial in folder.rglob("*.part"):
+                partial.unlink(missing_ok=True)
         try:
             yield
         finally:
@@ -162,7 +162,7 @@ def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
     """Return the error for a path or pattern of a key (`field`) that names no file."""
     text = os.fspath(pattern)
     folder = Path(text)
-    what = "no file found that may be read"
+    message = "no file found that may be read"
     remedy = (
         "Check the pattern and the permissions of its folders; relative paths start at the current "
         "directory"
@@ -171,15 +171,15 @@ def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
         every = sorted(folder.rglob("*"))
         first = next((path for path in every if os.path.isfile(path)), folder / "*")
         below = folder if first.parent == folder else folder / "**"
-        what, remedy = "is a folder", f"Name the files in it, such as {below}/*{first.suffix}"
+        message, remedy = "is a folder", f"Name the files in it, such as {below}/*{first.suffix}"
     return InputError(
-        what, field=field, found=f"pattern {text!r} in folder {os.getcwd()}", remedy=remedy
+        message, field=field, found=f"pattern {text!r} in folder {os.getcwd()}", remedy=remedy
     )
 
 
 def fingerprint(*parts: object) -> str:
     """Hash (32 hex digits) of everything a product depends on, the version of airswing included."""
-    text = json.dumps([__version__, plain(list(parts))], sort_keys=True)
+    text = json.dumps([__version__, json_types(list(parts))], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
 
 

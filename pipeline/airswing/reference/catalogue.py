@@ -26,8 +26,8 @@ from airswing.config import Naming
 from airswing.errors import InputError
 from airswing.quantities import lead_condition
 from airswing.reference.files import (
-    LeftOut,
     Skipped,
+    SkippedPart,
     SourceFile,
     find_files,
     identified,
@@ -53,7 +53,7 @@ from airswing.reference.winds import (
     on_one_grid,
 )
 
-__all__ = ["Catalogue", "LeftOut", "build_catalogue", "catalogues_of", "is_lost_file"]
+__all__ = ["Catalogue", "SkippedPart", "build_catalogue", "catalogues_of", "is_lost_file"]
 
 _SAME = 0.1  # m/s or Pa: copies in another packing differ by less
 _COMPARED = 20  # equal fields of two files after which the others are taken as equal
@@ -81,7 +81,7 @@ class Catalogue:
     rows: Table  # of u, v and, where levels are not isobaric, pressure: (3, level)
     skipped: Skipped
     notes: list[str]  # choices made between candidates
-    given: dict[str, xr.Dataset]  # by the path in `files`
+    datasets: dict[str, xr.Dataset]  # by the path in `files`
     stored: tuple[StoredField, ...]
     engine: str
     alternatives: tuple[Catalogue, ...] = ()  # catalogues with the other grids
@@ -132,13 +132,13 @@ class Catalogue:
     def at_times(self, numbers: NDArray[np.int64]) -> Catalogue:
         """The catalogue of some of its model times."""
         rows = [np.arange(self.bounds[n], self.bounds[n + 1]) for n in numbers.tolist()]
-        chosen = np.concatenate([*rows, np.empty(0, dtype=np.int64)])
+        selected = np.concatenate([*rows, np.empty(0, dtype=np.int64)])
         return replace(
             self,
             profiles=self.profiles[numbers],
-            bounds=np.cumsum([0, *(one.size for one in rows)]).astype(np.int64),
-            rows=self.rows[:, chosen],
-            alternatives=tuple(one.at_times(numbers) for one in self.alternatives),
+            bounds=np.cumsum([0, *(row.size for row in rows)]).astype(np.int64),
+            rows=self.rows[:, selected],
+            alternatives=tuple(catalogue.at_times(numbers) for catalogue in self.alternatives),
         )
 
     def for_places(self, latitude: Floats, longitude: Floats) -> Catalogue:
@@ -146,28 +146,28 @@ class Catalogue:
         if not self.alternatives or not len(self):
             return self
 
-        def worth(one: Catalogue) -> tuple[int, float]:
-            grid = one.grids[int(one.profiles["grid"][0])]
+        def coverage(catalogue: Catalogue) -> tuple[int, float]:
+            grid = catalogue.grids[int(catalogue.profiles["grid"][0])]
             south, north, west, east = grid.outline()
             area = (north - south) * (east - west) / grid.size
             return int(grid.contains(latitude, longitude).sum()), -area
 
         # with fewer levels only if no other grid contains any place
-        equal = [one for one in self.alternatives if one.rows.size == self.rows.size]
-        best = max((self, *equal), key=worth)
-        return best if worth(best)[0] else max((best, *self.alternatives), key=worth)
+        equal = [c for c in self.alternatives if c.rows.size == self.rows.size]
+        best = max((self, *equal), key=coverage)
+        return best if coverage(best)[0] else max((best, *self.alternatives), key=coverage)
 
     def batches(self, numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """Model times that are read together: for Datasets those that share chunks of a file."""
-        parts: dict[object, list[int]] = {}
+        groups: dict[object, list[int]] = {}
         for number in numbers.tolist():
             row = self.rows[0, self.bounds[number]]
             key: tuple[object, ...] = (number,)
             if self.stored:
                 chunk = self.stored[row["offset"]].chunk_numbers(row["index"])
-                key = (row["file"], row["part"], row["offset"], int(chunk))
-            parts.setdefault(key, []).append(number)
-        return [np.array(part) for part in parts.values()]
+                key = (row["file"], row["subindex"], row["offset"], int(chunk))
+            groups.setdefault(key, []).append(number)
+        return [np.array(group) for group in groups.values()]
 
 
 def build_catalogue(
@@ -234,14 +234,14 @@ def build_catalogue(
     work = _Work(name, naming, lead, member, on_bad_file == "fail", cache_dir)
     if isinstance(files, xr.Dataset):
         work.sources = [SourceFile(f"Dataset {name}", 0, 0, "")]
-        work.given = {work.sources[0].path: files}
+        work.datasets = {work.sources[0].path: files}
         return work.catalogue(GIVEN)
     work.sources = identified(find_files(files, name), work.skipped)
     work.refuse_if_strict()
     used = _engine(work.sources, where) if engine == "auto" else engine
     if used != "grib":
         return work.catalogue(used)
-    odd = [key for key in naming.given() if key != "winds"]
+    odd = [key for key in naming.stated() if key != "winds"]
     if odd:
         raise InputError(
             "this key does not apply to GRIB, whose messages describe themselves",
@@ -252,19 +252,19 @@ def build_catalogue(
         return work.catalogue("grib")
     except InputError as refused:
         # about an unknown grid, level or bitmap, not about the kind of field
+        reasons = ("hybrid level", "predefined bitmap")
         technical = any(
-            one["what"] == "grid" or one["reason"].startswith(("hybrid level", "predefined bitmap"))
-            for one in work.skipped
+            s["what"] == "grid" or s["reason"].startswith(reasons) for s in work.skipped
         )
         if engine == "grib" or not technical or not refused.what.startswith("no wind on"):
             raise
         try:
-            found = replace(work, skipped=[], notes=[]).catalogue("cfgrib")
+            catalogue = replace(work, skipped=[], notes=[]).catalogue("cfgrib")
         except InputError as second:
             raise (second if "not on a grid of rows" in second.what else refused) from second
         reason = f"opened by cfgrib, which is slower: the header scanner found {refused.found}"
-        found.notes.insert(0, reason)
-        return found
+        catalogue.notes.insert(0, reason)
+        return catalogue
 
 
 def _engine(sources: Sequence[SourceFile], where: str) -> str:
@@ -292,7 +292,7 @@ def catalogues_of(references: object) -> dict[str, Catalogue]:
     if (
         not isinstance(references, Mapping)
         or isinstance(references, xr.Dataset)
-        or not all(isinstance(one, Catalogue | xr.Dataset) for one in references.values())
+        or not all(isinstance(value, Catalogue | xr.Dataset) for value in references.values())
     ):
         raise TypeError(
             "references are a mapping from names to catalogues or Datasets, not "
@@ -302,8 +302,8 @@ def catalogues_of(references: object) -> dict[str, Catalogue]:
     if not references:
         raise InputError("no reference given", field="references")
     return {
-        str(name): one if isinstance(one, Catalogue) else build_catalogue(one, name=str(name))
-        for name, one in references.items()
+        str(name): value if isinstance(value, Catalogue) else build_catalogue(value, name=str(name))
+        for name, value in references.items()
     }
 
 
@@ -318,7 +318,7 @@ class _Work:
     strict: bool  # whether bad input is refused
     cache_dir: str | os.PathLike[str] | None
     sources: list[SourceFile] = field(default_factory=list)
-    given: dict[str, xr.Dataset] = field(default_factory=dict)
+    datasets: dict[str, xr.Dataset] = field(default_factory=dict)
     skipped: Skipped = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -333,9 +333,9 @@ class _Work:
         else:
             self._gather(gathered, engine)
             table, grids, stored = gathered.table(), gathered.grids(), tuple(gathered.stored)
-            reader = DatasetReader(self.given)
+            reader = DatasetReader(self.datasets)
         # lexsort takes its last key first
-        order = np.lexsort([table[c] for c in ("part", "offset", "file", *reversed(_FIELD))])
+        order = np.lexsort([table[c] for c in ("subindex", "offset", "file", *reversed(_FIELD))])
         table = table[order]
 
         def values(rows: Table) -> list[Floats]:
@@ -354,11 +354,11 @@ class _Work:
         profiles = rows[0, bounds[:-1]]
         everything = Catalogue(
             *(self.name, self.lead, tuple(self.sources), grids, profiles, bounds, rows),
-            *(self.skipped, self.notes, self.given, stored, engine),
+            *(self.skipped, self.notes, self.datasets, stored, engine),
         )
-        found = self._chosen(everything)
-        found.notes += gathered.notes(found.profiles["grid"]) if gathered else notes
-        return found
+        result = self._profiles_by_time(everything)
+        result.notes += gathered.notes(result.profiles["grid"]) if gathered else notes
+        return result
 
     def _grib_rows(self) -> tuple[Table, tuple[Grid, ...], list[str]]:
         """Rows of GRIB files by their headers, their grids, and notes."""
@@ -373,9 +373,10 @@ class _Work:
             self.skipped += [skip(path, *key, n) for key, n in contents.skipped.items()]
             table = contents.table()
             table["file"] = index
-            known = [numbers.setdefault(read_grid(*one), len(numbers)) for one in contents.grids]
-            if known:
-                table["grid"] = np.asarray(known, dtype="i4")[table["grid"]]
+            sections = contents.grids
+            order = [numbers.setdefault(read_grid(*s), len(numbers)) for s in sections]
+            if order:
+                table["grid"] = np.asarray(order, dtype="i4")[table["grid"]]
             tables.append(table)
         grids: tuple[Grid, ...] = tuple(numbers)
         notes, winds = [], self.naming.winds
@@ -390,9 +391,9 @@ class _Work:
         """Collect the rows of Datasets; of several files, unreadable ones are skipped."""
         for number, source in enumerate(self.sources):
             try:
-                given = self.given.get(source.path)
-                parts = opened(source, engine) if given is None else [given]
-                gathered.add(number, parts, source.path)
+                dataset = self.datasets.get(source.path)
+                datasets = opened(source, engine) if dataset is None else [dataset]
+                gathered.add(number, datasets, source.path)
             except InputError as error:
                 of_one_file = len(self.sources) > 1 and error.what.startswith("cannot be ")
                 if self.strict or not of_one_file:
@@ -406,16 +407,16 @@ class _Work:
         first = _changes(table, _FIELD)
         keep, group = np.ones(table.size, dtype=bool), np.cumsum(first)
         equal: Counter[tuple[int, ...]] = Counter()
-        other: set[tuple[int, ...]] = set()
+        contradicting: set[tuple[int, ...]] = set()
         contradictions: Counter[str] = Counter()
         copies: dict[tuple[int, int], list[np.void]] = {}
         for number in np.unique(group[~first]):
             rows = np.flatnonzero(group == number)
             files = tuple(np.unique(table["file"][rows]).tolist())
-            if len(files) == 1 or equal[files] <= _COMPARED or files in other:
-                first_values, *others = (np.nan_to_num(one) for one in values(table[rows]))
-                if any(bool(np.abs(one - first_values).max() > _SAME) for one in others):
-                    other.add(files)
+            if len(files) == 1 or equal[files] <= _COMPARED or files in contradicting:
+                first_values, *repeated = (np.nan_to_num(array) for array in values(table[rows]))
+                if any(bool(np.abs(array - first_values).max() > _SAME) for array in repeated):
+                    contradicting.add(files)
                     keep[rows] = False
                     contradictions[self.sources[int(table["file"][rows[-1]])].path] += rows.size
                     continue
@@ -426,14 +427,14 @@ class _Work:
         why = "a field of one level and time given again with other values"
         self.skipped += [skip(path, "message", why, n) for path, n in contradictions.items()]
         for (lost, used), fields in sorted(copies.items()):
-            one, two = self.sources[lost].path, self.sources[used].path
+            lost_path, used_path = self.sources[lost].path, self.sources[used].path
             time = np.datetime64(int(fields[0]["valid"]), "ns").astype("datetime64[m]")
             note = (
-                f"{one} and {two} both hold {len(fields)} field(s) of the same valid time and lead "
-                f"(such as {time}Z, lead {int(fields[0]['lead']) / 3600:g} h): {two} is used, as "
-                "its path sorts last"
+                f"{lost_path} and {used_path} both hold {len(fields)} field(s) of the same valid "
+                f"time and lead (such as {time}Z, lead {int(fields[0]['lead']) / 3600:g} h): "
+                f"{used_path} is used, as its path sorts last"
             )
-            twice = f"{two} holds {len(fields)} field(s) twice: the later one is used"
+            twice = f"{used_path} holds {len(fields)} field(s) twice: the later one is used"
             self.notes.append(note if lost != used else twice)
         return keep
 
@@ -444,40 +445,39 @@ class _Work:
         rows = np.full((3, count), -1)  # of u, v and pressure of each level; -1 if there is none
         rows[table["kind"], level] = np.arange(table.size)
         u, v, pressure = rows
-        both, kind = (u >= 0) & (v >= 0), table["level_kind"][np.max(rows, axis=0)]
+        paired, kind = (u >= 0) & (v >= 0), table["level_kind"][np.max(rows, axis=0)]
         native = kind != ISOBARIC
         # level kinds without any pressure have no profile
         bare = native & ~np.isin(kind, table["level_kind"][table["kind"] == PRESSURE])
-        other = bare & (kind > HYBRID)
+        excluded = bare & (kind > HYBRID)
 
-        def leave_out(rows: NDArray[np.int64], what: str, why: str) -> None:
+        def skip_rows(rows: NDArray[np.int64], content: str, why: str) -> None:
             files = Counter(self.sources[number].path for number in table["file"][rows].tolist())
-            self.skipped.extend(skip(path, what, why, n) for path, n in files.items())
+            self.skipped.extend(skip(path, content, why, n) for path, n in files.items())
 
-        leave_out(u[(u >= 0) & (v < 0) & ~other], "level", "u without v")
-        leave_out(v[(v >= 0) & (u < 0) & ~other], "level", "v without u")
-        without = both & native & (pressure < 0) & ~other
-        leave_out(u[without], "level", "hybrid level without a pressure field")
-        off = np.flatnonzero(np.isin(level, np.flatnonzero(other)))
+        skip_rows(u[(u >= 0) & (v < 0) & ~excluded], "level", "u without v")
+        skip_rows(v[(v >= 0) & (u < 0) & ~excluded], "level", "v without u")
+        without = paired & native & (pressure < 0) & ~excluded
+        skip_rows(u[without], "level", "hybrid level without a pressure field")
+        off = np.flatnonzero(np.isin(level, np.flatnonzero(excluded)))
         kinds, place = np.unique(table[off][["kind", "level_kind"]], return_inverse=True)
         for number, (component, surface) in enumerate(kinds.tolist()):
-            leave_out(off[place == number], "wind", off_levels(component, surface))
-        both &= ~native | (pressure >= 0)
+            skip_rows(off[place == number], "wind", off_levels(component, surface))
+        paired &= ~native | (pressure >= 0)
         # isobaric levels have no pressure field: use any row in its place
-        found: Table = table[np.maximum(rows[:, both], 0)]
-        return found
+        return np.asarray(table[np.maximum(rows[:, paired], 0)])
 
     def refuse_if_strict(self) -> None:
         """Refuse damaged files, messages, unknown grids, u without v under on_bad_file="fail"."""
-        for one in self.skipped if self.strict else ():
-            if one["what"] in ("file", "message", "grid", "level"):
+        for entry in self.skipped if self.strict else ():
+            if entry["what"] in ("file", "message", "grid", "level"):
                 raise InputError(
-                    f"{one['reason']} ({one['count']} {one['what']}s)",
-                    file=one["file"],
+                    f"{entry['reason']} ({entry['count']} {entry['what']}s)",
+                    file=entry["file"],
                     remedy="Repair or remove the file, or let bad files be skipped",
                 )
 
-    def _chosen(self, everything: Catalogue) -> Catalogue:
+    def _profiles_by_time(self, everything: Catalogue) -> Catalogue:
         """The catalogue with one profile for each valid time, and alternatives on other grids."""
         profiles, sizes = everything.profiles, np.diff(everything.bounds)
         # a single height level with a pressure (10 m) is not a profile
@@ -497,49 +497,49 @@ class _Work:
         time = np.cumsum(first) - 1  # number of the valid time of each
         best = order[first]
         # the first of these columns in which a profile differs from the best of its time
-        left, best_of_each = ~first, best[time]
+        remaining, best_of_each = ~first, best[time]
         for column, choice in _CHOICES.items():
-            differs = left & (profiles[column][order] != profiles[column][best_of_each])
-            left &= ~differs
+            differs = remaining & (profiles[column][order] != profiles[column][best_of_each])
+            remaining &= ~differs
             if column == "grid":
                 tied = differs
                 differs = differs & (sizes[order] != sizes[best_of_each])
             if number := differs.sum():
                 note = f"{number} further profile(s) at the same valid time, {choice}"
                 self.notes.append(note)
-        others, equal = [], 1
+        alternatives, equal = [], 1
         for number in np.unique(profiles["grid"][order[tied]]):
-            mine, chosen = tied & (profiles["grid"][order] == number), best.copy()
-            chosen[time[mine][::-1]] = order[mine][::-1]  # the first of several of one time
-            equal += bool((sizes[chosen] == sizes[best]).all())
-            others.append(everything.at_times(chosen))
+            mine, alternative = tied & (profiles["grid"][order] == number), best.copy()
+            alternative[time[mine][::-1]] = order[mine][::-1]  # the first of several of one time
+            equal += bool((sizes[alternative] == sizes[best]).all())
+            alternatives.append(everything.at_times(alternative))
         if equal > 1:
             note = "grids with the same levels: the one that contains more of the reports is used"
             self.notes.append(f"{equal} {note}")
-        return replace(everything.at_times(best), alternatives=tuple(others))
+        return replace(everything.at_times(best), alternatives=tuple(alternatives))
 
     def _no_winds(self, profiles: Table) -> InputError:
-        what = f"no wind on pressure levels that can be used in {len(self.sources)} file(s)"
+        text = f"no wind on pressure levels that can be used in {len(self.sources)} file(s)"
         remedy = (
             "u and v are needed at the same levels, on a grid that the file defines: Lambert, "
             "polar stereographic, Mercator, Gaussian, or regular or rotated latitude/longitude"
         )
         reasons: Counter[str] = Counter()
-        for one in self.skipped:
-            reasons[f"{one['what']}: {one['reason']}"] += one["count"]
-        found = "; ".join(f"{why} ({n})" for why, n in reasons.most_common(4))
+        for entry in self.skipped:
+            reasons[f"{entry['what']}: {entry['reason']}"] += entry["count"]
+        details = "; ".join(f"{why} ({n})" for why, n in reasons.most_common(4))
         if profiles.size:
             members, leads = (np.unique(profiles[key]).tolist() for key in ("member", "lead"))
             asked = "any" if self.member is None else self.member
-            what = f"no wind of ensemble member {asked} meets the lead condition {self.lead!r}"
-            found = "leads " + ", ".join(f"{lead / 3600:g} h" for lead in leads)
-            found += "; members " + ", ".join(map(str, members))
+            text = f"no wind of ensemble member {asked} meets the lead condition {self.lead!r}"
+            details = "leads " + ", ".join(f"{lead / 3600:g} h" for lead in leads)
+            details += "; members " + ", ".join(map(str, members))
             remedy = "Choose one of those found: keys `lead` and `member` of the reference"
         return InputError(
-            what,
+            text,
             file=self.sources[0].path if len(self.sources) == 1 else None,
             field=f"references.{self.name}",
-            found=found or "no u or v at all",
+            found=details or "no u or v at all",
             remedy=remedy,
         )
 

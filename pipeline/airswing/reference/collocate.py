@@ -60,10 +60,10 @@ class Points(NamedTuple):
 def _points(times: NDArray[np.generic], *places: NDArray[np.generic]) -> Points:
     """Sort times and places of reports (`COLUMNS`) by time."""
     time = times.astype("datetime64[ns]")
-    known = np.flatnonzero(~np.isnat(time))
-    order = known[np.argsort(time[known].astype(np.int64), kind="stable")]
+    timed = np.flatnonzero(~np.isnat(time))
+    order = timed[np.argsort(time[timed].astype(np.int64), kind="stable")]
     latitude, longitude, pressure = (
-        np.ascontiguousarray(one[order], dtype=np.float64) for one in places
+        np.ascontiguousarray(place[order], dtype=np.float64) for place in places
     )
     return Points(order, time[order].astype(np.int64), latitude, longitude, pressure, time.size)
 
@@ -84,10 +84,10 @@ class Schedule(NamedTuple):
     stop: Ints
 
 
-def _schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = False) -> Schedule:
+def _schedule(points: Points, valid: Ints, *, max_time_gap: float, two: bool = False) -> Schedule:
     """Assign reports to model times, whose valid times (ns since 1970) increase.
 
-    Two bracketing valid times are at most `max_time_gap` seconds apart. With `both` the model time
+    Two bracketing valid times are at most `max_time_gap` seconds apart. With `two` the model time
     after is used also at a valid time, if it is within the gap (time derivatives need it).
     """
     earlier = np.searchsorted(valid, points.time, side="right") - 1
@@ -95,7 +95,7 @@ def _schedule(points: Points, valid: Ints, *, max_time_gap: float, both: bool = 
     near = np.append(steps[:-1] <= round(max_time_gap * 1e9), False)
     exact = (earlier >= 0) & (valid[earlier] == points.time)
     bracketed = (earlier >= 0) & near[earlier]
-    later = bracketed & (~exact | both)
+    later = bracketed & (~exact | two)
     weight = np.where(later & ~exact, (points.time - valid[earlier]) / steps[earlier], 0.0)
     earlier = np.where(exact | bracketed, earlier, -1)
     served = np.concatenate([np.flatnonzero(earlier >= 0), np.flatnonzero(later)])
@@ -176,13 +176,13 @@ def collocate(
     points: Any = delayed(_points)(*columns) if lazy else _points(*columns)
     for name, model in models.items():
         if model.alternatives:  # one of several grids must be chosen before the tasks are planned
-            places = (np.asarray(reports[one].values, dtype=float) for one in COLUMNS[1:3])
+            places = (np.asarray(reports[column].values, dtype=float) for column in COLUMNS[1:3])
             models[name] = model.for_places(*places)
     options: Any = {"max_time_gap": max_time_gap, "derivatives": derivatives, "sparse": sparse}
     joins = [_joined(points, model, lazy=lazy, **options) for model in models.values()]
 
-    def rows(part: int, number: int, dtype: str, shape: tuple[int, ...] = ()) -> da.Array:
-        parts = [da.from_delayed(join[part][number], shape, dtype) for join in joins]
+    def rows(item: int, number: int, dtype: str, shape: tuple[int, ...] = ()) -> da.Array:
+        parts = [da.from_delayed(join[item][number], shape, dtype) for join in joins]
         return da.stack(parts)  # type: ignore[no-any-return]
 
     size = reports["time"].shape
@@ -193,13 +193,13 @@ def collocate(
     for number, name in enumerate(ACCOUNT if account else ACCOUNT[:1]):
         data[name] = ("reference", rows(1, number, "i8"))
     coords = {"reference": ("reference", pd.Index(list(models), dtype=object))}
-    found = describe(xr.Dataset(data, coords=coords))
+    winds = describe(xr.Dataset(data, coords=coords))
     if account:
-        found[PROBLEMS] = ("reference", rows(2, 0, "O"))
-    notes = {name: one.notes for name, one in models.items() if one.given}
+        winds[PROBLEMS] = ("reference", rows(2, 0, "O"))
+    notes = {name: model.notes for name, model in models.items() if model.datasets}
     if notes:
-        found.attrs["reference_notes"] = json.dumps(notes)
-    return found
+        winds.attrs["reference_notes"] = json.dumps(notes)
+    return winds
 
 
 class _Hidden:
@@ -220,19 +220,19 @@ def _joined(
 ) -> Any:
     """Task that joins the samples of one reference; a task before it for each batch of times."""
     planned, places_of, sample, join = (
-        delayed(one, pure=False) for one in (_schedule, _places_of, _sample, _join)
+        delayed(function, pure=False) for function in (_schedule, _places_of, _sample, _join)
     )
     if not lazy:
         planned, places_of = _schedule, _places_of
-    times = planned(points, catalogue.valid, max_time_gap=max_time_gap, both=derivatives)
+    times = planned(points, catalogue.valid, max_time_gap=max_time_gap, two=derivatives)
     needed = np.arange(len(catalogue)) if lazy else np.flatnonzero(times.stop > times.start)
-    given = delayed(_Hidden(catalogue.given), pure=False, traverse=False)
+    datasets = delayed(_Hidden(catalogue.datasets), pure=False, traverse=False)
     batches = catalogue.batches(needed)
     tasks = [
         sample(
             _Hidden([catalogue.model_time(int(number)) for number in batch]),
             places_of(points, times, batch),
-            given,
+            datasets,
             derivatives=derivatives,
             sparse=sparse,
         )
@@ -246,8 +246,8 @@ def _places_of(points: Points, times: Schedule, batch: Ints) -> list[Places]:
     return [(points.latitude[r], points.longitude[r], points.pressure[r]) for r in runs]
 
 
-def _sample(models: _Hidden, places: list[Places], given: _Hidden, **options: bool) -> Batch:
-    batch = sample_model_times(models.content, places, given=given.content, **options)
+def _sample(models: _Hidden, places: list[Places], datasets: _Hidden, **options: bool) -> Batch:
+    batch = sample_model_times(models.content, places, datasets=datasets.content, **options)
     for file, reason in batch.problems:
         _LOG.warning("%s: %s; its reports get no value", file, reason)
     return batch
@@ -259,14 +259,14 @@ def sample_model_times(
     *,
     derivatives: bool = False,
     sparse: bool = True,
-    given: Mapping[str, xr.Dataset] | None = None,
+    datasets: Mapping[str, xr.Dataset] | None = None,
 ) -> Batch:
     """Winds of model times of one reference, which share chunks, at their reports.
 
     Datasets given in Python have the path that their catalogue has.
     """
     reader: GribReader | DatasetReader
-    reader = DatasetReader(given or {}) if models[0].stored else GribReader(sparse=sparse)
+    reader = DatasetReader(datasets or {}) if models[0].stored else GribReader(sparse=sparse)
     work = [winds_at(m, *w, derivatives=derivatives) for m, w in zip(models, places, strict=True)]
     tables = [np.empty(0)] * len(work)
     answers: dict[int, list[Floats] | None] = dict.fromkeys(range(len(work)))
@@ -278,8 +278,8 @@ def sample_model_times(
                     asked[number] = work[number].send(values)  # type: ignore[arg-type]  # None: begin
                 except StopIteration as done:
                     tables[number] = done.value
-            found = reader.answer([models[n] for n in asked], list(asked.values()))
-            answers = dict(zip(asked, found, strict=True))
+            received = reader.answer([models[n] for n in asked], list(asked.values()))
+            answers = dict(zip(asked, received, strict=True))
     finally:
         reader.close()
     unread = len(reader.problems) * len(work)  # each model time lacks it
@@ -386,23 +386,23 @@ def _extent(time: Ints, latitude: Floats, longitude: Floats, pressure: Floats) -
         ("longitude ", longitude, ""),
         ("", pressure / 100.0, " hPa"),
     ):
-        known = values[np.isfinite(values)]
-        if known.size:
-            ranges.append(f"{name}{known.min():.5g} to {known.max():.5g}{unit}")
+        finite = values[np.isfinite(values)]
+        if finite.size:
+            ranges.append(f"{name}{finite.min():.5g} to {finite.max():.5g}{unit}")
     return ", ".join(ranges)
 
 
 def require_overlap(overlaps: Mapping[str, Mapping[str, Any]]) -> None:
     """Refuse references without winds for any report, stating times, places and levels of both."""
-    for name, one in overlaps.items():
-        if one["matched"]:
+    for name, counts in overlaps.items():
+        if counts["matched"]:
             continue
         raise InputError(
             "no report lies within the model winds",
             field=f"references.{name}",
-            found=f"of {one['reports']:,} reports {one['without_time']:,} outside its times, "
-            f"{one['outside_grid']:,} outside its grid, {one['outside_levels']:,} outside its "
-            f"levels; reports {one['report_extent']}; model {one['model_extent']}",
+            found=f"of {counts['reports']:,} reports {counts['without_time']:,} outside its times, "
+            f"{counts['outside_grid']:,} outside its grid, {counts['outside_levels']:,} outside "
+            f"its levels; reports {counts['report_extent']}; model {counts['model_extent']}",
             remedy="A report needs a valid time before and after it, at most max_time_gap apart, "
             "and a level above and below it; check the units of position, altitude and levels",
         )

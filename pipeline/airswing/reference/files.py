@@ -46,7 +46,7 @@ class SourceFile(NamedTuple):
     sample: str
 
 
-class LeftOut(TypedDict):
+class SkippedPart(TypedDict):
     """A part of a model file that gave no wind: file, kind of part, reason, and how often."""
 
     file: str
@@ -55,12 +55,12 @@ class LeftOut(TypedDict):
     count: int
 
 
-Skipped = list[LeftOut]
+Skipped = list[SkippedPart]
 
 
-def skip(file: str, what: str, reason: str, count: int = 1) -> LeftOut:
+def skip(file: str, kind: str, reason: str, count: int = 1) -> SkippedPart:
     """One entry of a list of skipped content."""
-    return {"file": file, "what": what, "reason": reason, "count": count}
+    return {"file": file, "what": kind, "reason": reason, "count": count}
 
 
 def is_lost_file(reason: str) -> bool:
@@ -120,15 +120,14 @@ class Reader:
 
 def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list[str]:
     """Full paths of the files and Zarr stores that the patterns of a reference name, sorted."""
-    given = [files] if isinstance(files, str | os.PathLike) else files
-    patterns = [os.fspath(one) for one in given]
-    found = {path for one in patterns if is_url(one) for path in _urls(one)}
-    local = [one for one in patterns if not is_url(one)]
-    if local or not found:
+    patterns = [os.fspath(files)] if isinstance(files, str | os.PathLike) else list(files)
+    paths = {path for pattern in patterns if is_url(pattern) for path in _urls(pattern)}
+    local = [pattern for pattern in patterns if not is_url(pattern)]
+    if local or not paths:
         field = f"references.{name}.files"
-        paths = expand(local, field, lambda path: os.path.isfile(path) or _is_zarr(path))
-        found.update(map(os.path.abspath, paths))
-    return sorted(found)
+        names = expand(local, field, lambda path: os.path.isfile(path) or _is_zarr(path))
+        paths.update(map(os.path.abspath, names))
+    return sorted(paths)
 
 
 def _urls(pattern: str) -> list[str]:
@@ -138,7 +137,7 @@ def _urls(pattern: str) -> list[str]:
         import fsspec
 
         system, path = fsspec.core.url_to_fs(pattern)
-        return [system.unstrip_protocol(one) for one in system.glob(path)]
+        return [system.unstrip_protocol(name) for name in system.glob(path)]
     except Exception as error:  # fsspec and its protocols raise many kinds
         raise _unreachable(pattern, error) from error
 
@@ -276,10 +275,10 @@ def _copy(path: str, size: int, mtime_ns: int) -> IO[bytes]:
         opener = _opener(copy.read(8))
         copy.seek(0)
         if opener is not None:
-            plain = tempfile.NamedTemporaryFile(prefix="airswing-")  # noqa: SIM115
+            decompressed = tempfile.NamedTemporaryFile(prefix="airswing-")  # noqa: SIM115
             with copy, opener(copy) as content:
-                shutil.copyfileobj(content, plain, 1 << 20)
-            copy = plain
+                shutil.copyfileobj(content, decompressed, 1 << 20)
+            copy = decompressed
     except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
         remedy = "Fetch the file again"
         raise InputError("cannot be decompressed", file=path, found=error, remedy=remedy) from error

@@ -79,41 +79,41 @@ def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
         "longitude": ("longitude", lon, {"units": "degrees_east"}),
     }
     attrs = {"Conventions": "CF-1.11", "title": "Wind field of the fleet's own reports"}
-    found = xr.Dataset(coords=coords, attrs=attrs)
+    winds = xr.Dataset(coords=coords, attrs=attrs)
     for name, values in zip(_WIND, _field(data, axes), strict=True):
         grid = values.reshape([axis.size for axis in axes]).transpose(3, 2, 0, 1)
         attrs = {"units": "m s-1", "standard_name": name}
-        found[name] = tuple(coords), grid.astype(np.float32), attrs
-    return found
+        winds[name] = tuple(coords), grid.astype(np.float32), attrs
+    return winds
 
 
 def _gathered(blocks: Iterable[xr.Dataset]) -> pd.DataFrame:
     """Places, winds, true heading (rad) and airspeed of the reports with winds, thinned if many."""
-    parts, aircraft = list[pd.DataFrame](), 0
+    tables, aircraft = list[pd.DataFrame](), 0
     for block in blocks:
         names = [*_PLACE[:2], "pressure", *_WIND, "reported_heading", "reported_airspeed"]
         columns = {name: block[name].to_numpy() if name in block else 0.0 for name in names}
-        part = pd.DataFrame(columns, dtype=np.float64)
+        table = pd.DataFrame(columns, dtype=np.float64)
         time = block["time"].to_numpy().astype("datetime64[ns]").astype(np.int64)
-        part["second"], part["log_pressure"] = time / 1e9, np.log(part.pop("pressure"))
-        part["aircraft"] = aircraft_of_report(block) + aircraft
+        table["second"], table["log_pressure"] = time / 1e9, np.log(table.pop("pressure"))
+        table["aircraft"] = aircraft_of_report(block) + aircraft
         aircraft += block.sizes["aircraft"]
         # reports without an air vector contribute their winds only
-        air = part[names[-2:]].to_numpy()
-        part[names[-2:]] = np.where(np.isfinite(air).all(axis=1, keepdims=True), air, 0.0)
-        good = np.isfinite(part.to_numpy()).all(axis=1)
+        air = table[names[-2:]].to_numpy()
+        table[names[-2:]] = np.where(np.isfinite(air).all(axis=1, keepdims=True), air, 0.0)
+        good = np.isfinite(table.to_numpy()).all(axis=1)
         if "wind_qc" in block:
             good &= block["wind_qc"].to_numpy() != 2
-        parts.append(part[good])
-    found = pd.concat(parts, ignore_index=True)
-    if (count := found["aircraft"].nunique()) < FEWEST_AIRCRAFT:
+        tables.append(table[good])
+    data = pd.concat(tables, ignore_index=True)
+    if (count := data["aircraft"].nunique()) < FEWEST_AIRCRAFT:
         raise InputError(
             "too few aircraft have winds for a wind field of the fleet",
             field="references",
             found=f"{count} aircraft",
             remedy=f"{FEWEST_AIRCRAFT} or more are needed, or a model",
         )
-    return found.iloc[:: -(-len(found) // MOST_REPORTS) or 1]
+    return data.iloc[:: -(-len(data) // MOST_REPORTS) or 1]
 
 
 def _nodes(place: Floats) -> list[Floats]:
@@ -158,28 +158,28 @@ def _field(data: pd.DataFrame, axes: list[Floats]) -> Floats:
     right = (wind - middle[:, np.newaxis]).ravel()
     # the weight of an aircraft with many reports is limited: its errors are not independent
     reports = np.bincount(aircraft)[aircraft]
-    plain = np.tile(1.0 / np.sqrt(reports / np.median(reports)), 2)
-    weight, found = plain, np.zeros(design.shape[1])
+    base = np.tile(1.0 / np.sqrt(reports / np.median(reports)), 2)
+    weight, solution = base, np.zeros(design.shape[1])
     for _ in range(ROUNDS):
         normal = (design.T @ sparse.diags(weight) @ design + prior).tocsc()
-        found = spsolve(normal, design.T @ (weight * right))
+        solution = spsolve(normal, design.T @ (weight * right))
         # Huber's weights by the median residual, which outliers do not change
-        rest = np.abs(right - design @ found)
+        rest = np.abs(right - design @ solution)
         # the median of a normal variable's size is 0.6745 of its standard deviation
         limit = HUBER * max(float(np.median(rest)) / 0.6745, 1e-6)
-        weight = plain * np.minimum(1.0, limit / np.maximum(rest, 1e-9))
-    return np.asarray(found[: 2 * nodes].reshape(2, nodes) + middle[:, np.newaxis])
+        weight = base * np.minimum(1.0, limit / np.maximum(rest, 1e-9))
+    return np.asarray(solution[: 2 * nodes].reshape(2, nodes) + middle[:, np.newaxis])
 
 
 def _bends(sizes: list[int]) -> sparse.csr_matrix:
     """Second differences along every axis (first where there are but two nodes)."""
-    parts = []
+    differences = []
     for k, size in enumerate(sizes):
         if size > 2:
             difference = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(size - 2, size))
         else:
             # two nodes have no curvature: their difference is penalised, with less weight
             difference = sparse.diags([-0.3, 0.3], [0, 1], shape=(size - 1, size))
-        each = [difference if k == j else sparse.identity(n) for j, n in enumerate(sizes)]
-        parts.append(reduce(sparse.kron, each))
-    return sparse.vstack(parts, format="csr")
+        factors = [difference if k == j else sparse.identity(n) for j, n in enumerate(sizes)]
+        differences.append(reduce(sparse.kron, factors))
+    return sparse.vstack(differences, format="csr")

@@ -59,10 +59,10 @@ class UnplaceableGridError(Exception):
 
 
 def _proj(text: str) -> Proj:
-    known: dict[str, Proj] = _LOCAL.__dict__.setdefault("projections", {})
-    if text not in known:
-        known[text] = Proj(text, preserve_units=False)
-    return known[text]
+    cache: dict[str, Proj] = _LOCAL.__dict__.setdefault("projections", {})
+    if text not in cache:
+        cache[text] = Proj(text, preserve_units=False)
+    return cache[text]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +100,10 @@ class Frame:
         """Coordinates (n,) of places (n,) in degrees; NaN where the projection has no image."""
         if self.kind == "longitude_latitude":
             return longitude, latitude
-        known = np.isfinite(latitude) & np.isfinite(longitude)
+        finite = np.isfinite(latitude) & np.isfinite(longitude)
         plane = np.full((2, latitude.size), np.nan)
-        east = wrap_degrees(longitude[known])  # PROJ refuses longitudes beyond 573 degrees
-        plane[:, known] = _proj(self.proj)(east, latitude[known])
+        east = wrap_degrees(longitude[finite])  # PROJ refuses longitudes beyond 573 degrees
+        plane[:, finite] = _proj(self.proj)(east, latitude[finite])
         plane[~np.isfinite(plane)] = np.nan
         x, y = np.degrees(plane) if self.kind == "rotated" else plane
         return x, y
@@ -156,8 +156,8 @@ def frame_of(mapping: Mapping[str, object] | str, *, field: str) -> Frame:
             return _frame(mapping)
         # no numpy values, a list of one as a number
         lists = {key: np.ravel(np.asarray(value)).tolist() for key, value in mapping.items()}
-        plain = {key: one[0] if len(one) == 1 else one for key, one in lists.items()}
-        return _frame(json.dumps(plain, default=str))
+        attributes = {key: v[0] if len(v) == 1 else v for key, v in lists.items()}
+        return _frame(json.dumps(attributes, default=str))
     except (CRSError, KeyError, ValueError, TypeError) as error:
         named = mapping if isinstance(mapping, str) else mapping.get("grid_mapping_name", "")
         raise InputError(
@@ -226,9 +226,9 @@ class Grid(ABC):
 
     def directed(self, along: bool) -> Self:
         """The same grid with wind components along it or not."""
-        other = copy.copy(self)
-        other.wind_along_grid = along
-        return other
+        grid = copy.copy(self)
+        grid.wind_along_grid = along
+        return grid
 
     def fractional_index(self, latitude: ArrayLike, longitude: ArrayLike) -> tuple[Floats, Floats]:
         """Fractional indices (n,) along x and y of places in degrees; NaN outside the grid."""
@@ -355,8 +355,8 @@ class PointsGrid(Grid):
         order: Literal[1, 2] = 2 if self.ni > 2 else 1
         along = np.asarray(np.gradient(self._vectors, axis=1, edge_order=order)).reshape(-1, 3)
         east, north = _east_north(self._vectors.reshape(-1, 3))
-        found = (along * east).sum(1) - 1j * (along * north).sum(1)
-        return np.asarray((found / np.abs(found)).reshape(self.nj, self.ni))
+        direction = (along * east).sum(1) - 1j * (along * north).sum(1)
+        return np.asarray((direction / np.abs(direction)).reshape(self.nj, self.ni))
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -366,9 +366,9 @@ class PointsGrid(Grid):
 
     def plane(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
         """Fractional indices (n,) of places (n,) in degrees; outside those of the nearest cell."""
-        known = np.isfinite(latitude) & np.isfinite(longitude)
+        finite = np.isfinite(latitude) & np.isfinite(longitude)
         fi, fj = np.full(latitude.size, np.nan), np.full(latitude.size, np.nan)
-        target = _unit_vectors(latitude[known], longitude[known])
+        target = _unit_vectors(latitude[finite], longitude[finite])
         if not target.size:
             return fi, fj
         _, nearest = self._tree.query(target)
@@ -378,13 +378,13 @@ class PointsGrid(Grid):
             before = i, j
             s, t = self._in_cell(i, j, target)
             over_i, over_j = (
-                np.clip(np.floor(np.nan_to_num(part, posinf=0.0)), -3, 3).astype(np.int64)
-                for part in (s, t)
+                np.clip(np.floor(np.nan_to_num(place, posinf=0.0)), -3, 3).astype(np.int64)
+                for place in (s, t)
             )
             i, j = np.clip(i + over_i, 0, self.ni - 2), np.clip(j + over_j, 0, self.nj - 2)
             if np.array_equal((i, j), before):
                 break
-        fi[known], fj[known] = before[0] + s, before[1] + t
+        fi[finite], fj[finite] = before[0] + s, before[1] + t
         return fi, fj
 
     def _in_cell(self, i: Ints, j: Ints, target: Floats) -> tuple[Floats, Floats]:
@@ -395,12 +395,12 @@ class PointsGrid(Grid):
         s, t = np.full(i.size, 0.5), np.full(i.size, 0.5)
         for _ in range(_NEWTON_STEPS):
             u, w = s[:, None], t[:, None]
-            here = (1 - u) * (1 - w) * p00 + u * (1 - w) * p10 + (1 - u) * w * p01 + u * w * p11
+            point = (1 - u) * (1 - w) * p00 + u * (1 - w) * p10 + (1 - u) * w * p01 + u * w * p11
             along_s = (1 - w) * (p10 - p00) + w * (p11 - p01)
             along_t = (1 - u) * (p01 - p00) + u * (p11 - p10)
             a, b = (along_s * east).sum(1), (along_t * east).sum(1)
             c, d = (along_s * north).sum(1), (along_t * north).sum(1)
-            x, y = (here * east).sum(1), (here * north).sum(1)
+            x, y = (point * east).sum(1), (point * north).sum(1)
             determinant = a * d - b * c
             with np.errstate(divide="ignore", invalid="ignore"):
                 step_s = (d * x - b * y) / determinant
@@ -435,12 +435,12 @@ def through_points(frame: Frame, latitude: Floats, longitude: Floats) -> AxesGri
     """
     if min(latitude.shape) < 2:
         return None
-    x, y = (one.reshape(latitude.shape) for one in frame.xy(latitude.ravel(), longitude.ravel()))
+    x, y = np.reshape(frame.xy(latitude.ravel(), longitude.ravel()), (2, *latitude.shape))
     columns, rows = x.mean(axis=0), y.mean(axis=1)
     steps = np.diff(columns), np.diff(rows)
-    if not all((one > 0).all() or (one < 0).all() for one in steps):
+    if not all((step > 0).all() or (step < 0).all() for step in steps):
         return None
-    wide, high = (float(np.abs(one).min()) for one in steps)
+    wide, high = (float(np.abs(step).min()) for step in steps)
     off = max(np.abs(x - columns).max() / wide, np.abs(y - rows[:, None]).max() / high)
     return AxesGrid(frame, columns, rows) if off < _SAME_POINTS else None
 
@@ -455,15 +455,15 @@ def grid_of_points(latitude: Floats, longitude: Floats, turned: Floats | None = 
     return PointsGrid(latitude, longitude, turned=turned, wind_along_grid=True)
 
 
-def are_shifted(one: Grid, other: Grid) -> bool:
+def are_shifted(first: Grid, second: Grid) -> bool:
     """Whether two grids cover the same area with points at most about a grid length apart.
 
     So do the grids of u and v on an Arakawa C or B grid, and one grid stored in two orders.
     """
-    box, outline = np.array(one.outline()), np.array(other.outline())
-    rows, columns = max(min(one.nj, other.nj) - 1, 1), max(min(one.ni, other.ni) - 1, 1)
+    box, outline = np.array(first.outline()), np.array(second.outline())
+    rows, columns = max(min(first.nj, second.nj) - 1, 1), max(min(first.ni, second.ni) - 1, 1)
     steps = np.repeat([(box[1] - box[0]) / rows, (box[3] - box[2]) / columns], 2)
-    same_size = abs(one.ni - other.ni) <= 1 and abs(one.nj - other.nj) <= 1
+    same_size = abs(first.ni - second.ni) <= 1 and abs(first.nj - second.nj) <= 1
     return same_size and bool((np.abs(box - outline) <= 1.5 * steps + 1e-3).all())
 
 

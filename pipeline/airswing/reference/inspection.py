@@ -10,24 +10,24 @@ from airswing.reference.grids import AxesGrid, Grid
 
 def inspect_winds(path: str) -> dict[str, object]:
     """Model winds of a file or store, ready for JSON."""
-    found = build_catalogue(path, name="inspected")
-    times = np.datetime_as_string(found.times, unit="s")
-    levels = found.levels(0)
-    grids = (found.grids[number] for number in np.unique(found.profiles["grid"]).tolist())
+    catalogue = build_catalogue(path, name="inspected")
+    times = np.datetime_as_string(catalogue.times, unit="s")
+    levels = catalogue.levels(0)
+    grids = (catalogue.grids[number] for number in np.unique(catalogue.profiles["grid"]).tolist())
     return {
-        "engine": found.engine,
-        "variables": sorted({name for one in found.stored for name in one.names}),
-        "times": len(found),
+        "engine": catalogue.engine,
+        "variables": sorted({name for stored in catalogue.stored for name in stored.names}),
+        "times": len(catalogue),
         "first_time": f"{times[0]}Z",
         "last_time": f"{times[-1]}Z",
-        "leads_h": (np.unique(found.leads) / 3600.0).tolist(),
-        "members": np.unique(found.profiles["member"]).tolist(),
+        "leads_h": (np.unique(catalogue.leads) / 3600.0).tolist(),
+        "members": np.unique(catalogue.profiles["member"]).tolist(),
         "levels": f"{levels.size} pressure levels, {levels[0] / 100:g} to {levels[-1] / 100:g} hPa"
-        if found.is_isobaric(0)
+        if catalogue.is_isobaric(0)
         else f"{levels.size} native levels with their pressure",
         "grids": [_described(grid) for grid in grids],
-        "notes": found.notes,
-        "skipped": found.skipped,
+        "notes": catalogue.notes,
+        "skipped": catalogue.skipped,
     }
 
 

@@ -132,8 +132,8 @@ def variable_statistic(
     """
     methods = re.sub(r"\([^)]*\)", " ", str(attrs.get("cell_methods", "")))
     for names, method in re.findall(r"((?:\w+\s*:\s*)+)(\w+)", methods):
-        dimensions = [one for one in re.split(r"[:\s]+", names.lower()) if one]
-        spatial = all(one in _MEMBERS + _HORIZONTAL for one in dimensions)
+        dimensions = [dim for dim in re.split(r"[:\s]+", names.lower()) if dim]
+        spatial = all(dim in _MEMBERS + _HORIZONTAL for dim in dimensions)
         if method != "point" and not (method == "mean" and spatial):
             return f"{' '.join(dimensions)}: {method}"
     step, kind = str(attrs.get("GRIB_stepType", "")), str(attrs.get("GRIB_dataType", ""))
@@ -144,10 +144,10 @@ def variable_statistic(
     modifier = str(attrs.get("standard_name", "")).split()[1:]
     if modifier:
         return " ".join(modifier)
-    for key, others in coordinates:
+    for key, coord_attrs in coordinates:
         if _STATISTIC_DIMENSIONS.search(key):
             return key
-        if "climatology" in others:
+        if "climatology" in coord_attrs:
             return "climatology"
     if re.match(r"(long term )?mean\b", str(attrs.get("statistic", "")), re.I):
         return f"statistic {attrs['statistic']}"  # of NOAA PSL: over time; else "Ensemble Mean"
@@ -161,11 +161,11 @@ def variable_statistic(
     if operator := _OPERATORS.search(str(dataset.get("history", ""))):
         return f"history: {operator[1] or operator[0]}"
     for text, words in [
-        *((one, _WORDS) for one in described),
+        *((value, _WORDS) for value in described),
         *((t, _TITLE_WORDS) for t in titles),
     ]:
         # words in names are joined by underscores or by capital letters
-        plain = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", str(text or ""))
-        if found := words.search(re.sub(r"[_\W]+", " ", plain)):
-            return found[0]
+        spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", str(text or ""))
+        if match := words.search(re.sub(r"[_\W]+", " ", spaced)):
+            return match[0]
     return ""

@@ -60,8 +60,9 @@ class StoredField(NamedTuple):
 
     def places(self, index: NDArray[np.integer]) -> dict[str, NDArray[np.int64]]:
         """Indices along the outer dimensions of rows' `index`."""
-        found = np.unravel_index(index, tuple(size for _, size in self.outer)) if self.outer else ()
-        return {dim: np.asarray(one) for (dim, _), one in zip(self.outer, found, strict=True)}
+        dims, sizes = zip(*self.outer, strict=True) if self.outer else ((), ())
+        places = np.unravel_index(index, sizes) if sizes else ()
+        return dict(zip(dims, map(np.asarray, places), strict=True))
 
     def chunk_numbers(self, index: NDArray[np.integer]) -> Ints:
         """Numbers of the chunks that hold rows' `index`; rows and columns count as one chunk."""
@@ -80,7 +81,7 @@ class StoredField(NamedTuple):
 ROW_DTYPE = np.dtype(
     [
         *[(name, "i4") for name in ("file", "offset", "member", "grid", "points", "index")],
-        *[(name, "i2") for name in ("part", "kind", "level_kind")],
+        *[(name, "i2") for name in ("subindex", "kind", "level_kind")],
         *[(name, "f8") for name in ("level", "a", "b")],
         *[(name, "i8") for name in ("valid", "lead")],
     ]
@@ -107,7 +108,7 @@ def on_one_grid(table: Table, grids: Sequence[Grid]) -> Table:
     numbers = {kind: np.unique(table["grid"][table["kind"] == kind]).tolist() for kind in range(4)}
     for kind in (V, PRESSURE, SURFACE):
         for number in set(numbers[kind]) - set(numbers[U]):
-            shifted = (one for one in numbers[U] if are_shifted(grids[one], grids[number]))
+            shifted = (n for n in numbers[U] if are_shifted(grids[n], grids[number]))
             mine = (table["kind"] == kind) & (table["points"] == number)
             table["grid"][mine] = next(shifted, number)
     return table
@@ -159,10 +160,10 @@ class Brackets(NamedTuple):
     lower: Floats
 
 
-def level_brackets(levels: Floats, pressure: Floats, *, both: bool = False) -> Brackets:
+def level_brackets(levels: Floats, pressure: Floats, *, two: bool = False) -> Brackets:
     """Levels around each report and the weight of the lower one, linear in ln p.
 
-    Levels (level,) or (level, n) increase along the first axis; pressures (n,), Pa. With `both`
+    Levels (level,) or (level, n) increase along the first axis; pressures (n,), Pa. With `two`
     two levels are named (derivatives need them) also on a level; else `weight` is 0 on level `k`
     itself, and `k + 1` is not needed.
     """
@@ -174,7 +175,7 @@ def level_brackets(levels: Floats, pressure: Floats, *, both: bool = False) -> B
         with np.errstate(invalid="ignore"):
             k = (levels <= pressure).sum(axis=0) - 1
     columns = np.arange(pressure.size) if levels.shape[1] > 1 else 0
-    k = np.clip(k, 0, count - 2 if both and count > 1 else count - 1)
+    k = np.clip(k, 0, count - 2 if two and count > 1 else count - 1)
     below = np.minimum(k + 1, count - 1)
     first, second = levels[k, columns], levels[below, columns]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -206,8 +207,8 @@ def winds_at(
     place = np.flatnonzero(inside)
     if place.size == 0:
         return table
-    found = [corners(g, fi[place], fj[place]) for g, (fi, fj) in zip(grids, indices, strict=False)]
-    cells = found * 2 if one_grid else found
+    cells = [corners(g, fi[place], fj[place]) for g, (fi, fj) in zip(grids, indices, strict=False)]
+    cells = cells * 2 if one_grid else cells
     at, nodes = pressure[place], [cell.points for cell in cells[:2]]
     descending = False
     if len(model.rows) > 2:
@@ -217,15 +218,15 @@ def winds_at(
         else:
             cell = cells[2]
             asked = yield [(row, cell.points) for row in model.rows[2]]
-            levels = np.stack([bilinear(one, cell.x, cell.y) for one in asked])
+            levels = np.stack([bilinear(pressures, cell.x, cell.y) for pressures in asked])
         # native levels are numbered from the ground up by some models, downwards by others
         descending = bool(np.nansum(levels[-1] - levels[0]) < 0)
         levels = levels[::-1] if descending else levels
     else:
         levels = np.asarray(model.rows["level"][0], dtype=np.float64)
-    brackets = level_brackets(levels, at, both=derivatives)
+    brackets = level_brackets(levels, at, two=derivatives)
     step, weight = -1 if descending else 1, brackets.weight
-    values = yield from _between_levels(model.rows[:2, ::step], nodes, brackets, both=derivatives)
+    values = yield from _between_levels(model.rows[:2, ::step], nodes, brackets, two=derivatives)
 
     def across(component: int, columns: Floats) -> Floats:
         cell = cells[component]
@@ -241,7 +242,7 @@ def winds_at(
         with np.errstate(divide="ignore", invalid="ignore"):
             shears = (values[:, 1] - values[:, 0]) / (brackets.lower - brackets.upper)
         shear = _rotated(across(0, shears[0]), across(1, shears[1]), angle)
-        columns = [one.reshape(4, place.size) for one in columns]
+        columns = [column.reshape(4, place.size) for column in columns]
         slopes = _true_slopes(model.grids, columns, cells, wind, angle, lat, lon)
         # the grid's angle regardless of the flag, by which a wrong flag is recognised
         result = np.stack([*wind, *shear, *slopes, convergence])
@@ -252,7 +253,7 @@ def winds_at(
 
 
 def _between_levels(
-    fields: Table, nodes: Sequence[Ints], brackets: Brackets, *, both: bool
+    fields: Table, nodes: Sequence[Ints], brackets: Brackets, *, two: bool
 ) -> Generator[Request, list[Floats], Floats]:
     """(2, 2, c, n): u and v on the level above and below, at the c columns of each bracket."""
     count, columns = fields.shape[1], nodes[0].shape[0]
@@ -260,8 +261,8 @@ def _between_levels(
     values[..., ~brackets.inside] = np.nan
     inside = np.flatnonzero(brackets.inside)
     weight = brackets.weight[inside]
-    upper = inside if both else inside[weight < 1.0]
-    lower = inside if both else inside[weight > 0.0]
+    upper = inside if two else inside[weight < 1.0]
+    lower = inside if two else inside[weight > 0.0]
     if count == 1:
         lower = lower[:0]
     level = np.concatenate([brackets.k[upper], brackets.k[lower] + 1])
@@ -275,12 +276,12 @@ def _between_levels(
     asked: Request = []
     for group in groups:
         points = nodes[0][:, node[group]].ravel()
-        others = points if nodes[0] is nodes[1] else nodes[1][:, node[group]].ravel()
+        v_points = points if nodes[0] is nodes[1] else nodes[1][:, node[group]].ravel()
         u, v = fields[:, level[group.start]]
-        asked += [(u, points), (v, others)]
-    found = (yield asked) if asked else []
-    for group, one, two in zip(groups, found[::2], found[1::2], strict=True):
-        for component, got in enumerate((one, two)):
+        asked += [(u, points), (v, v_points)]
+    answers = (yield asked) if asked else []
+    for group, u_values, v_values in zip(groups, answers[::2], answers[1::2], strict=True):
+        for component, got in enumerate((u_values, v_values)):
             values[component, side[group], :, node[group]] = got.reshape(columns, -1).T
     return values
 

@@ -76,9 +76,9 @@ def assemble(
     _average(columns, interval, audit)
     flight = derive_flight(columns)
     _, begin, number = np.unique(flight, return_index=True, return_inverse=True)
-    kept = columns["counted"][begin][number]
-    _take(columns, kept)
-    flight = flight[kept]
+    retained = columns["counted"][begin][number]
+    _take(columns, retained)
+    flight = flight[retained]
     audit.repair("flight_derived", np.count_nonzero(columns["flight"] < 0))
     tails = _separate(columns, flight, tails, labels, audit)
     order = np.lexsort((flight, columns["tail"]))
@@ -165,15 +165,15 @@ def _number_missing(columns: Columns, members: Index) -> Integers:
 
 def _drop_same_place(columns: Columns, audit: Audit) -> None:
     later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
-    north, east, up = _apart(columns, later)
+    north, east, up = _separation(columns, later)
     # An unknown altitude (NaN) passes.
     near = (np.abs(north) < _SAME_PLACE) & (np.abs(east) < _SAME_PLACE) & ~(up >= _SAME_ALTITUDE)
     later = later[near]
     exact = np.ones(later.size, dtype=bool)
     for values in columns.values():
-        one, other = values[later], values[later - 1]
+        value, previous = values[later], values[later - 1]
         # NaN differs from itself: two absent values are equal here.
-        exact &= (one == other) | ((one != one) & (other != other))
+        exact &= (value == previous) | ((value != value) & (previous != previous))
     counted = columns["counted"][later]
     audit.drop("exact_duplicate", np.count_nonzero(exact & counted))
     audit.drop("same_tail_and_time", np.count_nonzero(~exact & counted))
@@ -185,11 +185,11 @@ def _drop_conflicts(columns: Columns, audit: Audit) -> None:
     """Of two positions that one aircraft cannot have had, drop the less complete report."""
     while True:
         later = np.flatnonzero(_same_moment(columns["tail"], columns["time"]))
-        north, east, up = _apart(columns, later)
+        north, east, up = _separation(columns, later)
         east = east * np.cos(np.radians(columns["latitude"][later]))
         # A whole minute may be truncated; others are exact to a second.
-        whole = columns["time"][later].astype("datetime64[ms]").astype(np.int64) % 60_000 == 0
-        uncertain = np.where(whole, 60.0, 1.0) + np.nan_to_num(up) / CLIMB
+        minute = columns["time"][later].astype("datetime64[ms]").astype(np.int64) % 60_000 == 0
+        uncertain = np.where(minute, 60.0, 1.0) + np.nan_to_num(up) / CLIMB
         label, before = columns["flight"][later], columns["flight"][later - 1]
         conflict = np.hypot(north, east) * METRES_PER_DEGREE > FASTEST * uncertain
         later = later[conflict & ~((label >= 0) & (before >= 0) & (label != before))]
@@ -213,11 +213,11 @@ def _along_climb(columns: Columns) -> Integers:
     altitude = columns["pressure_altitude"].astype(np.float64)
     mean = np.add.reduceat(altitude, starts) / np.diff(np.r_[starts, altitude.size])
     tail = columns["tail"][starts]
-    here = np.arange(starts.size)
+    moment_number = np.arange(starts.size)
     gap = np.diff(seconds_since_1970(columns["time"][starts]))
     close = (tail[1:] == tail[:-1]) & (gap < _TREND_GAP)
-    before = np.where(np.r_[False, close], here - 1, here)
-    after = np.where(np.r_[close, False], here + 1, here)
+    before = np.where(np.r_[False, close], moment_number - 1, moment_number)
+    after = np.where(np.r_[close, False], moment_number + 1, moment_number)
     trend = np.nan_to_num(np.sign(mean[after] - mean[before]))
     phase = columns["phase"][starts]
     trend = np.where(phase == PHASE["ascent"], 1.0, trend)
@@ -227,7 +227,7 @@ def _along_climb(columns: Columns) -> Integers:
     return order
 
 
-def _apart(columns: Columns, later: Index) -> tuple[Floats, Floats, Floats]:
+def _separation(columns: Columns, later: Index) -> tuple[Floats, Floats, Floats]:
     """Degrees north and east (the short way round) and metres up from the reports before."""
     north, east, up = (
         columns[name][later] - columns[name][later - 1]
@@ -277,23 +277,23 @@ def _separate(
 
 def _sequences(flown: pd.DataFrame, columns: Columns, labels: NDArray[np.object_]) -> Integers:
     """Number the sequences of flights of one identifier that one aircraft can have flown."""
-    operator = [
+    operators = [
         "" if code < 0 else "".join(takewhile(str.isalpha, labels[code]))
         for code in flown["label"].tolist()
     ]
     ends: list[tuple[int, float, str]] = []  # last report of each sequence, its time and operator
     number = []
     columns_of = (flown[name].tolist() for name in ("first", "last", "begin", "end"))
-    for first, last, begin, end, whose in zip(*columns_of, operator, strict=True):
+    for first, last, begin, end, operator in zip(*columns_of, operators, strict=True):
         candidates = []
-        for sequence, (before, ended, theirs) in enumerate(ends):
+        for sequence, (before, ended, previous) in enumerate(ends):
             pair = [before, first]
             away = step_distance(columns["latitude"][pair], columns["longitude"][pair])[0]
             if begin >= ended and away <= FASTEST * (begin - ended) + _AIRPORT:
-                candidates.append((whose != theirs, float(away), sequence))
-        chosen = min(candidates, default=(False, 0.0, len(ends)))[2]
-        ends[chosen : chosen + 1] = [(last, end, whose)]
-        number.append(chosen)
+                candidates.append((operator != previous, float(away), sequence))
+        best = min(candidates, default=(False, 0.0, len(ends)))[2]
+        ends[best : best + 1] = [(last, end, operator)]
+        number.append(best)
     return np.array(number)
 
 

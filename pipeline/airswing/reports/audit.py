@@ -58,8 +58,8 @@ class Audit:
 
     def example(self, column: str, value: object) -> None:
         """Keep the first value of a column that could not be read."""
-        plain = value.item() if isinstance(value, np.generic) else value
-        self.examples.setdefault(column, repr(plain)[:60])
+        scalar = value.item() if isinstance(value, np.generic) else value
+        self.examples.setdefault(column, repr(scalar)[:60])
 
     def remark(self, *sentences: str) -> None:
         """Add sentences that a user should see, each once."""
@@ -116,24 +116,24 @@ class Audit:
     @classmethod
     def from_dict(cls, content: AuditContent) -> Audit:
         """Make an audit of its plain form."""
-        made = cls(content["reports_read"])
-        made.flags = {name: Counter(counts) for name, counts in content["flags"].items()}
+        audit = cls(content["reports_read"])
+        audit.flags = {name: Counter(counts) for name, counts in content["flags"].items()}
         for name in (*_COUNTERS, *_OTHERS):
-            setattr(made, name, type(getattr(made, name))(content.get(name, ())))
-        return made
+            setattr(audit, name, type(getattr(audit, name))(content.get(name, ())))
+        return audit
 
-    def add(self, other: Audit) -> None:
+    def add(self, audit: Audit) -> None:
         """Add the counts of another audit, such as that of one file."""
-        self.read += other.read
+        self.read += audit.read
         for name in _COUNTERS:
-            getattr(self, name).update(getattr(other, name))
-        for name, counts in other.flags.items():
+            getattr(self, name).update(getattr(audit, name))
+        for name, counts in audit.flags.items():
             self.codes(name, counts)
-        self.files_skipped += other.files_skipped
-        self.examples = other.examples | self.examples
-        self.mistakes = other.mistakes | self.mistakes
-        self.similar_tails += other.similar_tails
-        self.remark(*other.remarks)
+        self.files_skipped += audit.files_skipped
+        self.examples = audit.examples | self.examples
+        self.mistakes = audit.mistakes | self.mistakes
+        self.similar_tails += audit.similar_tails
+        self.remark(*audit.remarks)
 
 
 def similar(tails: Iterable[str]) -> list[list[str]]:

@@ -185,8 +185,8 @@ def _speed_and_direction(eastward: Array, northward: Array) -> tuple[Array, Arra
 def _derive_wind(frame: pd.DataFrame, raw: pd.DataFrame, audit: Audit) -> None:
     """Fill in airspeed, true heading and, where none is reported, the wind."""
     values = {name: _number(raw, name, audit) for name in _FOR_DERIVED_WIND}
-    known = (*_KEPT, "latitude", "longitude", "pressure", "pressure_altitude")
-    values |= {name: frame[name].to_numpy(dtype=np.float64) for name in known}
+    measured_names = (*_KEPT, "latitude", "longitude", "pressure", "pressure_altitude")
+    values |= {name: frame[name].to_numpy(dtype=np.float64) for name in measured_names}
     heading, magnetic = values["reported_heading"].copy(), values["magnetic_heading"]
     wanted = np.flatnonzero(np.isnan(heading) & np.isfinite(magnetic))
     if wanted.size:

@@ -66,7 +66,7 @@ _TABLE = pd.read_csv(Path(__file__).with_suffix(".csv")).fillna({"unit": "", "ot
 TEXT: tuple[str, ...] = tuple(_TABLE["column"][_TABLE["si_unit"].isna()])  # columns without a unit
 QUANTITIES = {row[0]: Quantity(*row) for row in _TABLE.dropna().itertuples(index=False)}
 """Numeric columns by the name without its unit."""
-LIMITS = {one.variable: (one.lowest, one.highest) for one in QUANTITIES.values()}
+LIMITS = {row.variable: (row.lowest, row.highest) for row in QUANTITIES.values()}
 """Lowest and highest possible value by variable, in SI (degrees for angles)."""
 OTHER_NAMES: dict[str, str] = dict(zip(_TABLE["column"], _TABLE["other_names"], strict=True))
 """Pattern of the names that other programs give to a column, in small letters and digits."""
@@ -101,7 +101,7 @@ class Source:
     column: str  # in the file
     factor: float = 1.0  # value * factor + offset is in SI (or degrees); 1 and 0 for text
     offset: float = 0.0
-    others: tuple[str, ...] = ()  # used in rows where the first is empty
+    fallbacks: tuple[str, ...] = ()  # used in rows where the first is empty
     parts: tuple[str, ...] = ()  # appended to the first in a time made of several columns
     format: str | None = None  # of a time
     value: str | float | None = None  # the same for every report, before factor and offset
@@ -110,7 +110,7 @@ class Source:
     @property
     def columns(self) -> tuple[str, ...]:
         """Every column of the file that is read."""
-        return (() if self.value is not None else (self.column,)) + self.others + self.parts
+        return (() if self.value is not None else (self.column,)) + self.fallbacks + self.parts
 
 
 Mapped = Mapping[str, Source]  # the source of each variable, from :func:`parse_mapping`
@@ -168,8 +168,12 @@ def parse_mapping(columns: ColumnMapping | None) -> dict[str, Source]:
     for key, target in (columns or {}).items():
         name, variable, source = _mapped(str(key), target)
         if variable in mapping:
-            what, both = f"two columns are mapped to {name}", f"{mapping[variable].column}, {key}"
-            raise InputError(what, field="reports.columns", found=both, remedy="Keep one of them")
+            raise InputError(
+                f"two columns are mapped to {name}",
+                field="reports.columns",
+                found=f"{mapping[variable].column}, {key}",
+                remedy="Keep one of them",
+            )
         mapping[variable] = source
     return mapping
 
@@ -178,9 +182,9 @@ def _mapped(key: str, target: object) -> tuple[str, str, Source]:
     match target:
         case str():
             return target, *_resolve(key, target)
-        case [first, *others]:
+        case [first, *fallbacks]:
             variable, source = _resolve(str(first), key)
-            return key, variable, replace(source, others=tuple(map(str, others)))
+            return key, variable, replace(source, fallbacks=tuple(map(str, fallbacks)))
         case {"name": "time", "format": written, **rest} if not rest:
             return "time", "time", Source(key, format=_format(key, written))
         case {"name": name, **rest} if rest.keys() <= {"unit"}:
@@ -206,7 +210,7 @@ def _mapped(key: str, target: object) -> tuple[str, str, Source]:
         "a mapped column must be a canonical name or {name: ..., unit: ...}",
         field=f"reports.columns.{key}",
         found=target,
-        remedy="Or, after a canonical name: [theirs, other], {value: ...}, {only: [...]}, and for "
+        remedy="Or, after a canonical name: [column, column], {value: ...}, {only: [...]}, and for "
         "time {date: ..., time: ...}",
     )
 
@@ -215,9 +219,9 @@ def _format(theirs: str, written: object) -> str:
     try:
         pd.to_datetime([""], format=str(written), errors="coerce")
     except ValueError as error:
-        what, field = f"is not a time format: {error}", f"reports.columns.{theirs}.format"
+        problem, field = f"is not a time format: {error}", f"reports.columns.{theirs}.format"
         remedy = 'Such as "%d.%m.%Y %H:%M"'
-        raise InputError(what, field=field, found=written, remedy=remedy) from error
+        raise InputError(problem, field=field, found=written, remedy=remedy) from error
     return str(written)
 
 
@@ -227,16 +231,16 @@ def _resolve(theirs: str, name: str, unit: object = None) -> tuple[str, Source]:
         if unit is not None:
             raise InputError(f"{name} has no unit", field=field, found=str(unit))
         return name, Source(theirs)
-    known = split_name(name)
-    if known is None:
+    parsed = split_name(name)
+    if parsed is None:
         every = [*TEXT, *(quantity.canonical for quantity in QUANTITIES.values())]
-        what = f"{name!r} is not a canonical column{nearest(name, every)}"
-        raise InputError(what, field=field)
-    quantity, unit = known[0], str(unit or known[1])
+        problem = f"{name!r} is not a canonical column{nearest(name, every)}"
+        raise InputError(problem, field=field)
+    quantity, unit = parsed[0], str(unit or parsed[1])
     if not compatible(unit, quantity.si_unit):
-        what = f"{unit!r} is not a unit of {quantity.canonical}"
+        problem = f"{unit!r} is not a unit of {quantity.canonical}"
         remedy = f"Give a unit that converts to {quantity.si_unit!r}"
-        raise InputError(what, field=field, found=unit, remedy=remedy)
+        raise InputError(problem, field=field, found=unit, remedy=remedy)
     return quantity.variable, Source(theirs, *conversion(unit, quantity.si_unit))
 
 
@@ -247,12 +251,12 @@ def split_name(name: str) -> tuple[Quantity, str] | None:
 
 @cache
 def _known_names() -> dict[str, tuple[Quantity, str]]:
-    found = {q.stem: (q, q.si_unit) for q in QUANTITIES.values() if not q.unit}
+    names = {q.stem: (q, q.si_unit) for q in QUANTITIES.values() if not q.unit}
     for quantity in QUANTITIES.values():
         for suffix, unit in _SUFFIXES.items():
             if compatible(unit, quantity.si_unit):
-                found[f"{quantity.stem}_{suffix}".lower()] = quantity, unit
-    return found
+                names[f"{quantity.stem}_{suffix}".lower()] = quantity, unit
+    return names
 
 
 @cache
@@ -260,8 +264,8 @@ def conversion(unit: str, si_unit: str) -> tuple[float, float]:
     """Factor and offset from a unit to another; raises pint's errors if there is none."""
     quantity = registry().Quantity
     unit = _SPELLINGS.get(unit.strip(), unit.strip())
-    zero, one = (quantity(value, unit).to(si_unit).magnitude for value in (0.0, 1.0))
-    return float(one - zero), float(zero)
+    zero, unity = (quantity(value, unit).to(si_unit).magnitude for value in (0.0, 1.0))
+    return float(unity - zero), float(zero)
 
 
 def compatible(unit: str, si_unit: str) -> bool:
@@ -281,26 +285,26 @@ def sources(names: Iterable[str], mapping: Mapped) -> dict[str, Source]:
     names = list(names)
     by_stripped = {name.strip(): name for name in names}
     layout = layout_of(names)
-    known = {
+    layout_columns = {
         key: target
         for key, target in (layout.columns if layout else {}).items()
         if not by_stripped.keys().isdisjoint([key] if isinstance(target, str) else target)
     }
-    found = {}
-    for variable, source in {**parse_mapping(known), **mapping}.items():
-        there = [by_stripped[n] for n in (source.column, *source.others) if n in by_stripped]
-        if source.others and there:
-            source = replace(source, column=there[0], others=tuple(there[1:]))
+    matched = {}
+    for variable, source in {**parse_mapping(layout_columns), **mapping}.items():
+        there = [by_stripped[n] for n in (source.column, *source.fallbacks) if n in by_stripped]
+        if source.fallbacks and there:
+            source = replace(source, column=there[0], fallbacks=tuple(there[1:]))
         elif source.value is None:
             for name in (source.column, *source.parts):
                 if name not in by_stripped:
                     raise _absent(name, names, "the mapped column is not in the file")
             column, *parts = (by_stripped[name] for name in (source.column, *source.parts))
             source = replace(source, column=column, parts=tuple(parts))
-        found[variable] = source
+        matched[variable] = source
     taken = {
         column
-        for variable, source in found.items()
+        for variable, source in matched.items()
         if not variable.startswith(ONLY)  # a column that selects reports is read too
         for column in source.columns
     }
@@ -308,39 +312,39 @@ def sources(names: Iterable[str], mapping: Mapped) -> dict[str, Source]:
         if name in taken:
             continue
         if stripped.lower() in TEXT:
-            found.setdefault(stripped.lower(), Source(name))
+            matched.setdefault(stripped.lower(), Source(name))
         elif (quantity_and_unit := split_name(stripped)) is not None:
             quantity, unit = quantity_and_unit
-            found.setdefault(quantity.variable, Source(name, *conversion(unit, quantity.si_unit)))
-    taken = {column for source in found.values() for column in source.columns}
+            matched.setdefault(quantity.variable, Source(name, *conversion(unit, quantity.si_unit)))
+    taken = {column for source in matched.values() for column in source.columns}
     free = [name for name in names if name not in taken]
     for variable in REQUIRED:
-        if variable not in found:
+        if variable not in matched:
             raise _absent(variable, names, "a required column is missing", free)
-    if "pressure_altitude" not in found and "pressure" not in found:
-        what = "neither pressure_altitude_ft nor pressure_hPa is there"
-        raise _absent("pressure_altitude_ft", names, what, free)
-    if not gives_wind(found):
-        absent = next(name for name in ("wind_direction", "wind_speed") if name not in found)
+    if "pressure_altitude" not in matched and "pressure" not in matched:
+        problem = "neither pressure_altitude_ft nor pressure_hPa is there"
+        raise _absent("pressure_altitude_ft", names, problem, free)
+    if not gives_wind(matched):
+        absent = next(name for name in ("wind_direction", "wind_speed") if name not in matched)
         raise _absent(QUANTITIES[absent].canonical, names, NO_WIND, free)
-    return found
+    return matched
 
 
 def gives_wind(variables: Iterable[str]) -> bool:
     """Whether variables hold a wind, or a heading, an airspeed and a ground vector."""
-    found = set(variables)
+    names = set(variables)
     return (
-        found >= {"wind_direction", "wind_speed"}
-        or found >= {"eastward_wind", "northward_wind"}
+        names >= {"wind_direction", "wind_speed"}
+        or names >= {"eastward_wind", "northward_wind"}
         or bool(
-            found & {"reported_heading", "magnetic_heading"}
-            and found & {"reported_airspeed", "mach", "indicated_airspeed"}
-            and found >= {"ground_speed", "track"}
+            names & {"reported_heading", "magnetic_heading"}
+            and names & {"reported_airspeed", "mach", "indicated_airspeed"}
+            and names >= {"ground_speed", "track"}
         )
     )
 
 
-def _absent(wanted: str, names: list[str], what: str, free: list[str] | None = None) -> InputError:
+def _absent(wanted: str, names: list[str], text: str, free: list[str] | None = None) -> InputError:
     stripped = ((name.strip(), name) for name in (names if free is None else free))
     folded = {short.lower(): name for short, name in stripped if len(short) > 1}
     # Lower than the library's 0.6: two names of one column often share only a stem.
@@ -351,7 +355,7 @@ def _absent(wanted: str, names: list[str], what: str, free: list[str] | None = N
     )
     if near:
         remedy = f"Nearest there: {', '.join(folded[key] for key in near)}. " + remedy
-    return InputError(what, field=wanted, found=", ".join(names), remedy=remedy)
+    return InputError(text, field=wanted, found=", ".join(names), remedy=remedy)
 
 
 # --- values -------------------------------------------------------------------------------------
@@ -426,8 +430,8 @@ def seconds_since_1970(time: Times) -> Floats:
 def from_epoch(seconds: Floats) -> Times:
     """Seconds since 1970 as times, to the microsecond; NaT for NaN and outside 1970-2103."""
     time = np.full(seconds.shape, np.datetime64("NaT", "ns"))
-    known = (seconds >= 0.0) & (seconds < _LARGEST_SECONDS)
-    time[known] = np.round(seconds[known] * 1e6).astype(np.int64).view("datetime64[us]")
+    is_valid = (seconds >= 0.0) & (seconds < _LARGEST_SECONDS)
+    time[is_valid] = np.round(seconds[is_valid] * 1e6).astype(np.int64).view("datetime64[us]")
     return time
 
 
@@ -451,8 +455,8 @@ def _of_numbers(values: Floats) -> Times:
 
 def numbers(column: Column, factor: float = 1.0, offset: float = 0.0) -> Floats:
     """Numbers of a column times a factor plus an offset; NaN where a value is none."""
-    found = pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
-    return np.asarray(found * factor + offset)
+    values = pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+    return np.asarray(values * factor + offset)
 
 
 def roll_flags(roll: Floats) -> NDArray[np.int8]:
@@ -467,7 +471,7 @@ def decode_flags(
     """Codes (report,) as values of one of :data:`FLAGS`, counted under the name of their field."""
     name = name or flag
     meanings, words = _CODES[flag]
-    codes = {code: meanings[word] for word, known in words.items() for code in known.split()}
+    codes = {code: meanings[word] for word, texts in words.items() for code in texts.split()}
     codes[""] = meanings[next(iter(words))]
     index, labels = pd.factorize(np.asarray(values, dtype=object))
     text = pd.Series([*(str(label).strip() for label in labels), ""])  # the last of absent values

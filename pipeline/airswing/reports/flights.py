@@ -104,12 +104,12 @@ def _paths(columns: Columns) -> Integers:
 
 def _alternating(columns: Columns) -> Integers:
     """Reports whose label reappears within the gap of a flight after another label."""
-    known = np.flatnonzero(columns["flight"] >= 0)
-    tail, label = columns["tail"][known], columns["flight"][known]
+    labelled = np.flatnonzero(columns["flight"] >= 0)
+    tail, label = columns["tail"][labelled], columns["flight"][labelled]
     order = np.lexsort((label, tail))
     same = (np.diff(tail[order]) == 0) & (np.diff(label[order]) == 0) & (np.diff(order) > 1)
-    gap = np.diff(seconds_since_1970(columns["time"])[known][order])
-    return np.asarray(known[order[1:][same & (gap <= LABELLED_GAP)]])
+    gap = np.diff(seconds_since_1970(columns["time"])[labelled][order])
+    return np.asarray(labelled[order[1:][same & (gap <= LABELLED_GAP)]])
 
 
 def _paths_of_one(columns: Columns) -> Integers:
@@ -117,19 +117,19 @@ def _paths_of_one(columns: Columns) -> Integers:
     latitude, longitude = columns["latitude"], columns["longitude"]
     path, number = np.zeros(seconds.size, dtype=np.int64), 0
     recent: dict[int, tuple[int, int]] = {}  # of each path the last report and the label
-    for here, label in enumerate(columns["flight"].tolist()):
+    for report, label in enumerate(columns["flight"].tolist()):
         nearest = np.inf, number  # a new path
-        for key, (last, known) in list(recent.items()):
-            gap = seconds[here] - seconds[last]
+        for key, (last, last_label) in list(recent.items()):
+            gap = seconds[report] - seconds[last]
             if gap > LABELLED_GAP:
                 del recent[key]
-            elif known < 0 or label < 0 or known == label:
-                distance = step_distance(latitude[[last, here]], longitude[[last, here]])
+            elif last_label < 0 or label < 0 or last_label == label:
+                distance = step_distance(latitude[[last, report]], longitude[[last, report]])
                 if not _jumps(gap, distance)[0]:
                     nearest = min(nearest, (float(distance[0]), key))
-        chosen = path[here] = nearest[1]
-        number = max(number, chosen + 1)
-        recent[chosen] = here, label if label >= 0 else recent.get(chosen, (here, -1))[1]
+        joined = path[report] = nearest[1]
+        number = max(number, joined + 1)
+        recent[joined] = report, label if label >= 0 else recent.get(joined, (report, -1))[1]
     return path
 
 
@@ -144,15 +144,15 @@ def _filled_labels(columns: Columns, path: Integers) -> Integers:
     if not absent.any() or absent.all():
         return label
     order = np.lexsort((path, columns["tail"]))
-    other = (np.diff(columns["tail"][order]) != 0) | (np.diff(path[order]) != 0)
+    new_path = (np.diff(columns["tail"][order]) != 0) | (np.diff(path[order]) != 0)
     rows = pd.DataFrame(
         {
             "label": label[order],
             "seconds": seconds_since_1970(columns["time"])[order],
-            "leg": np.r_[0, np.cumsum(_steps(columns, order)[2] | other)],
+            "leg": np.r_[0, np.cumsum(_steps(columns, order)[2] | new_path)],
         }
     )
-    labelled = rows.where(rows["label"] >= 0).groupby(np.r_[0, np.cumsum(other)])
+    labelled = rows.where(rows["label"] >= 0).groupby(np.r_[0, np.cumsum(new_path)])
     before, after = labelled.ffill(), labelled.bfill()
     same = before["label"] == after["label"]
     same &= after["seconds"] - before["seconds"] <= LABELLED_GAP
@@ -180,13 +180,13 @@ def climb_rate(seconds: Floats, altitude: Floats, flight: Index) -> Floats:
     span = offset[last[starts]] + round(10.0 * FARTHEST * 1e6)
     key = offset + (np.cumsum(span) - span)[block]
     near = round(NEAREST * 1e6)
-    here = np.arange(flight.size)
-    left = np.maximum(np.searchsorted(key, key - near, side="right") - 1, first)
-    right = np.minimum(np.searchsorted(key, key + near, side="left"), last)
-    left = np.where(seconds - seconds[left] > FARTHEST, here, left)
-    right = np.where(seconds[right] - seconds > FARTHEST, here, right)
-    span = seconds[right] - seconds[left]
-    rise = altitude[right] - altitude[left]
+    index = np.arange(flight.size)
+    earlier = np.maximum(np.searchsorted(key, key - near, side="right") - 1, first)
+    later = np.minimum(np.searchsorted(key, key + near, side="left"), last)
+    earlier = np.where(seconds - seconds[earlier] > FARTHEST, index, earlier)
+    later = np.where(seconds[later] - seconds > FARTHEST, index, later)
+    span = seconds[later] - seconds[earlier]
+    rise = altitude[later] - altitude[earlier]
     rate = np.full(flight.size, np.nan)
     np.divide(rise, span, out=rate, where=span > 0.0)
     return rate
@@ -196,15 +196,15 @@ def derive_phase(columns: Columns, flight: Index) -> NDArray[np.int8]:
     """Codes of `airswing.flags.PHASE` (report,) from ``time`` and ``pressure_altitude`` (m)."""
     phase = np.full(flight.size, PHASE["unknown"], dtype=np.int8)
     altitude = columns["pressure_altitude"].astype(np.float64)
-    known = np.flatnonzero(np.isfinite(altitude))
-    if not known.size:
+    valid = np.flatnonzero(np.isfinite(altitude))
+    if not valid.size:
         return phase
-    known = known[np.argsort(flight[known], kind="stable")]
-    rate = climb_rate(seconds_since_1970(columns["time"][known]), altitude[known], flight[known])
-    found = np.where(np.isfinite(rate) & (altitude[known] >= LOWEST_CRUISE), PHASE["cruise"], 0)
-    found[_lasting(rate, flight[known])] = PHASE["ascent"]
-    found[_lasting(-rate, flight[known])] = PHASE["descent"]
-    phase[known] = found
+    valid = valid[np.argsort(flight[valid], kind="stable")]
+    rate = climb_rate(seconds_since_1970(columns["time"][valid]), altitude[valid], flight[valid])
+    derived = np.where(np.isfinite(rate) & (altitude[valid] >= LOWEST_CRUISE), PHASE["cruise"], 0)
+    derived[_lasting(rate, flight[valid])] = PHASE["ascent"]
+    derived[_lasting(-rate, flight[valid])] = PHASE["descent"]
+    phase[valid] = derived
     return phase
 
 
@@ -259,7 +259,7 @@ def resolutions(columns: Columns, row_size: Index) -> dict[str, Floats]:
     day = columns["time"] - columns["time"].astype("datetime64[D]")
     seconds = day[used].astype("timedelta64[ns]").astype(np.int64) / 1e9
     positions = np.concatenate([columns[name][used] for name in ("latitude", "longitude")])
-    found: dict[str, Floats] = {}
+    by_quantity: dict[str, Floats] = {}
     # Values, steps looked for, and the step of a fleet in which no aircraft has enough reports.
     for name, values, steps, usual in (
         ("position", positions, POSITION_STEPS, 0.01),
@@ -277,15 +277,15 @@ def resolutions(columns: Columns, row_size: Index) -> dict[str, Floats]:
             frequent, times = np.unique(step[~absent], return_counts=True)
             pooled = _coarsest(counts.sum(axis=0, keepdims=True), steps, 1)[0]
             step[absent] = frequent[np.argmax(times)] if frequent.size else min(pooled, usual)
-        found[f"{name}_resolution"] = step
-    found["time_resolution"] = np.where(exact, 1.0, found["time_resolution"])
-    return found
+        by_quantity[f"{name}_resolution"] = step
+    by_quantity["time_resolution"] = np.where(exact, 1.0, by_quantity["time_resolution"])
+    return by_quantity
 
 
 def _on_steps(values: Floats, group: Index, groups: int, steps: Steps) -> Integers:
     """Number of values of each group, and of those that lie on each step, (groups, 1 + steps)."""
-    known = np.isfinite(values)
-    values, group = values[known], group[known]
+    finite = np.isfinite(values)
+    values, group = values[finite], group[finite]
     counts = [np.bincount(group, minlength=groups)]
     for step, tolerance in steps:
         off = np.abs(values - step * np.round(values / step))

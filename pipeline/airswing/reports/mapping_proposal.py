@@ -56,36 +56,36 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
     (required quantities that were not found).
     """
     table = first_rows(Path(path)).rename(columns=str)
-    found: dict[str, str] = {}
+    stems: dict[str, str] = {}
     for column in table.columns.tolist():
         stem, there = _stem(column), table[column].dropna()
         text = stem in QUANTITIES and len(there) > 0 and np.isnan(numbers(there)).all()
         if stem is not None and not text:
-            found.setdefault(stem, column)
-    if len(found) < 2:
+            stems.setdefault(stem, column)
+    if len(stems) < 2:
         return None
     remarks: dict[str, str] = {}
-    mapping = _time(table, found, remarks)
-    _motion(table, found, remarks)
+    mapping = _time(table, stems, remarks)
+    _motion(table, stems, remarks)
     values = {
         name: pd.Series(numbers(table[column]))
-        for name, column in found.items()
+        for name, column in stems.items()
         if name in QUANTITIES
     }
-    for name, column in found.items():
+    for name, column in stems.items():
         if name in values:
             mapping[column] = _entry(QUANTITIES[name], column, values[name], remarks)
         elif name != "time":
             mapping[column] = name
-    if "tail" not in found:
+    if "tail" not in stems:
         mapping["tail"] = {"value": re.sub(r"\W+", "_", Path(path).name.split(".")[0])}
         remarks["tail"] = "one aircraft a file is a guess: give its name, or the column that has it"
     parts = mapping.get("time")
     used = {*mapping, *(parts.values() if isinstance(parts, dict) else ())}
     # Canonical columns of text are read without a mapping.
     used |= {column for column in table.columns if column.strip().lower() in TEXT}
-    missing = [name for name in REQUIRED if name not in found and name != "tail"]
-    if not found.keys() & {"pressure_altitude", "pressure"}:
+    missing = [name for name in REQUIRED if name not in stems and name != "tail"]
+    if not stems.keys() & {"pressure_altitude", "pressure"}:
         missing.append("pressure_altitude_ft or pressure_hPa")
     if not gives_wind(QUANTITIES[name].variable for name in values):
         missing.append("a wind, or heading, airspeed, ground_speed and track")
@@ -99,29 +99,29 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
 
 def _stem(column: str) -> str | None:
     """The quantity of a column by its name; None for an unknown one."""
-    if known := split_name(column.strip()):
-        return known[0].stem
-    plain = _ENDING.sub("", _BRACKET.sub("", column.strip()))
-    plain = re.sub(r"[^a-z0-9]", "", plain.lower())
-    return next((name for name, names in OTHER_NAMES.items() if re.fullmatch(names, plain)), None)
+    if parsed := split_name(column.strip()):
+        return parsed[0].stem
+    stem = _ENDING.sub("", _BRACKET.sub("", column.strip()))
+    stem = re.sub(r"[^a-z0-9]", "", stem.lower())
+    return next((name for name, names in OTHER_NAMES.items() if re.fullmatch(names, stem)), None)
 
 
-def _time(table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str]) -> dict[str, Entry]:
+def _time(table: pd.DataFrame, stems: dict[str, str], remarks: dict[str, str]) -> dict[str, Entry]:
     """Map the column or the two columns of the time."""
     candidates = [column for column in table.columns.tolist() if _stem(column) == "time"]
     dates = [c for c in candidates if re.search(r"date|day", c, re.I) and not _has_clock(table[c])]
     clocks = [c for c in candidates if c not in dates]
     # A clock time without a date ("12:00:00") is not enough, nor are seconds since the start.
-    whole = {c: float(np.mean(possible(parse_times(table[c])[0]))) for c in clocks}
-    best = max(whole, key=lambda column: whole[column], default=None)
-    if dates and clocks and (best is None or whole[best] == 0.0):
+    valid_share = {c: float(np.mean(possible(parse_times(table[c])[0]))) for c in clocks}
+    best = max(valid_share, key=lambda column: valid_share[column], default=None)
+    if dates and clocks and (best is None or valid_share[best] == 0.0):
         clock = next((column for column in clocks if _has_clock(table[column])), clocks[0])
-        found["time"] = "time"
+        stems["time"] = "time"
         return {"time": {"date": dates[0], "time": clock}}
     column = best or next(iter(dates), None)
     if column is None:
         return {}
-    found["time"] = column
+    stems["time"] = column
     if pd.api.types.is_numeric_dtype(table[column]):
         remarks[column] = "a number that is read as a time between 1973 and now"
     return {column: "time"}
@@ -131,32 +131,32 @@ def _has_clock(column: Column) -> bool:
     return bool(column.dropna().astype(str).str.contains(r"\d:\d\d").any())
 
 
-def _motion(table: pd.DataFrame, found: dict[str, str], remarks: dict[str, str]) -> None:
-    airspeed = bool(found.keys() & {"true_airspeed", "indicated_airspeed", "mach"})
-    speed, direction = found.get("wind_speed"), found.get("wind_direction")
-    plain = "ground_speed" not in found and speed is not None and speed.lower() == "speed"
-    if plain and float(pd.Series(numbers(table[speed])).abs().median()) > _FASTEST_WIND:
-        found["ground_speed"] = found.pop("wind_speed")
+def _motion(table: pd.DataFrame, stems: dict[str, str], remarks: dict[str, str]) -> None:
+    airspeed = bool(stems.keys() & {"true_airspeed", "indicated_airspeed", "mach"})
+    speed, direction = stems.get("wind_speed"), stems.get("wind_direction")
+    ambiguous = "ground_speed" not in stems and speed is not None and speed.lower() == "speed"
+    if ambiguous and float(pd.Series(numbers(table[speed])).abs().median()) > _FASTEST_WIND:
+        stems["ground_speed"] = stems.pop("wind_speed")
         remarks[str(speed)] = "as fast as an aircraft: the ground speed, not the wind"
         if direction is not None and direction.lower() == "direction":
-            found["track"] = found.pop("wind_direction")
-    if "heading" not in found:
+            stems["track"] = stems.pop("wind_direction")
+    if "heading" not in stems:
         return
-    if not airspeed and "track" not in found and "ground_speed" in found:
-        found["track"] = found.pop("heading")
-        remarks[found["track"]] = "without an airspeed: the direction of movement over ground"
-    elif {"ground_speed", "track"} <= found.keys() and airspeed and "magnetic_heading" not in found:
-        found["magnetic_heading"] = found.pop("heading")
-        remarks[found["magnetic_heading"]] = "magnetic is a guess: heading_deg where it is true"
+    if not airspeed and "track" not in stems and "ground_speed" in stems:
+        stems["track"] = stems.pop("heading")
+        remarks[stems["track"]] = "without an airspeed: the direction of movement over ground"
+    elif {"ground_speed", "track"} <= stems.keys() and airspeed and "magnetic_heading" not in stems:
+        stems["magnetic_heading"] = stems.pop("heading")
+        remarks[stems["magnetic_heading"]] = "magnetic is a guess: heading_deg where it is true"
 
 
 def _entry(quantity: Quantity, column: str, values: Column, remarks: dict[str, str]) -> Entry:
     """Map a column of numbers, with a remark where its unit is a guess."""
-    known, written = split_name(column.strip()), _BRACKET.search(column) or _ENDING.search(column)
+    parsed, written = split_name(column.strip()), _BRACKET.search(column) or _ENDING.search(column)
     largest, remark = float(values.abs().max()), ""
     unit: str | None = None  # that of the canonical name
-    if known is not None and known[0] is quantity:
-        unit = None if known[1] == "degree" else known[1]
+    if parsed is not None and parsed[0] is quantity:
+        unit = None if parsed[1] == "degree" else parsed[1]
     elif written and compatible(written[1], quantity.si_unit):
         unit = written[1]
     elif quantity.stem == "pressure_altitude" and 0 < largest <= 600:
@@ -178,10 +178,10 @@ def _as_yaml(mapping: Mapping[str, object], remarks: Mapping[str, str]) -> str:
 
     lines = ["columns:"]
     for key, value in mapping.items():
-        left, right = (
-            yaml.safe_dump(one, default_flow_style=True, width=1000).split("\n")[0]
-            for one in (key, value)
+        yaml_key, yaml_value = (
+            yaml.safe_dump(entry, default_flow_style=True, width=1000).split("\n")[0]
+            for entry in (key, value)
         )
         remark = f"   # {remarks[key]}" if key in remarks else ""
-        lines.append(f"  {left}: {right}{remark}")
+        lines.append(f"  {yaml_key}: {yaml_value}{remark}")
     return "\n".join(lines)

@@ -59,9 +59,9 @@ def read_file(
     for name in ("latitude", "longitude"):
         # A wrong unit leaves some values possible and wrong.
         if (dropped := audit.dropped[f"{name}_out_of_range"]) > 0.5 * audit.read:
-            what = f"{dropped:,} of {audit.read:,} values are impossible{audit.likely(name)}"
+            problem = f"{dropped:,} of {audit.read:,} values are impossible{audit.likely(name)}"
             remedy = "Positions are in degrees north and east; map the column with its unit"
-            raise InputError(what, file=path, field=name, remedy=remedy)
+            raise InputError(problem, file=path, field=name, remedy=remedy)
     frame = pd.concat(pieces, ignore_index=True)
     return frame.astype({"tail": "category", "flight": "category"}), audit
 
@@ -133,7 +133,7 @@ def read_each(
     _require_format(format)
     parse_mapping(columns)  # refused before a file is opened
     read = read or partial(read_file, format=format, columns=columns)
-    found, paths = [], expand(files)
+    results, paths = [], expand(files)
     audit, errors = Audit(), []
     for path in paths:
         try:
@@ -144,13 +144,13 @@ def read_each(
             errors.append(error)
             audit.files_skipped.append({"file": str(path), "reason": str(error)})
         else:
-            found.append(result)
+            results.append(result)
             audit.add(counts)
     if len(errors) == len(paths):
-        what = f"none of the {len(errors)} report files can be read; the first: {errors[0]}"
-        raise InputError(what, field="reports.files")
+        problem = f"none of the {len(errors)} report files can be read; the first: {errors[0]}"
+        raise InputError(problem, field="reports.files")
     if audit.kept:
-        return found, audit
+        return results, audit
     reasons = ", ".join(
         f"{reason} {n}{audit.likely(reason.removesuffix('_out_of_range'))}"
         for reason, n in audit.dropped.most_common()
@@ -210,8 +210,8 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
         "columns": {str(name): int(number) for name, number in present.items() if number},
         "flags": content["flags"],
         "audit": {
-            name: part
-            for name, part in content.items()
+            name: counts
+            for name, counts in content.items()
             if name not in ("flags", "missing", "mistakes", "remarks")
         },
     }
@@ -224,7 +224,7 @@ def expand(
 ) -> list[Path]:
     """The paths that match names and globs, each once; InputError if one matches nothing."""
     patterns = [files] if isinstance(files, str | Path) else list(files)
-    found: dict[str, None] = {}
+    matches: dict[str, None] = {}
     for pattern in patterns:
         text = str(Path(pattern).expanduser())
         # A name with brackets is first a file of that name, then a pattern.
@@ -233,36 +233,36 @@ def expand(
         names = sorted(name for name in names if usable(name) or not os.path.exists(name))
         if not names:
             raise none_found(text, field)
-        found.update(dict.fromkeys(names))
-    if not found:
+        matches.update(dict.fromkeys(names))
+    if not matches:
         remedy = "Give a path, or a pattern such as reports/*.csv"
         raise InputError("names no file", field=field, remedy=remedy)
-    return [Path(name) for name in found]
+    return [Path(name) for name in matches]
 
 
 def _require_format(format: str) -> None:
-    known = ("auto", *formats())
-    if format not in known:
-        what, remedy = "unknown report format", f"One of: {', '.join(known)}"
-        raise InputError(what, field="reports.format", found=format, remedy=remedy)
+    names = ("auto", *formats())
+    if format not in names:
+        problem, remedy = "unknown report format", f"One of: {', '.join(names)}"
+        raise InputError(problem, field="reports.format", found=format, remedy=remedy)
 
 
 def _format_of(path: Path) -> str:
     start = first_bytes(path)
     if (refusal := foreign_file(path, start, "reports")) is not None:
         raise refusal
-    for name, one in formats().items():
-        if one.recognises(start):
+    for name, candidate in formats().items():
+        if candidate.recognises(start):
             return name
-    what = "is not a report file of a known format"
-    raise InputError(what, file=path, found=start[:16], remedy=_TABLE)
+    problem = "is not a report file of a known format"
+    raise InputError(problem, file=path, found=start[:16], remedy=_TABLE)
 
 
 def _pieces(name: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     """Raw pieces of a file; any exception of a library about its content is an InputError."""
-    one = formats()[name]
-    with damage_named(path, one.title):
-        yield from one.read(path, mapping, audit)
+    report_format = formats()[name]
+    with damage_named(path, report_format.title):
+        yield from report_format.read(path, mapping, audit)
 
 
 def _wanted(raw: pd.DataFrame, mapping: Mapped, path: Path, audit: Audit) -> pd.DataFrame:

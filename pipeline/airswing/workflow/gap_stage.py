@@ -105,11 +105,11 @@ def diagnosis(
         stage.note = f"{archive.sizes['report']:,} reports, {frame.size:,} diagnosed"
     start = begin(frame)
     with job.progress.stage("diagnose") as stage:
-        catalogue = {name: one for name, one in CATALOGUE.items() if name not in without}
-        found = diagnose(start.frame, catalogue=catalogue, progress=stage.enter)
-        # Effects of scatter cannot be removed from the reports, so known ones are found again.
-        effects = not_known(found.report.effects, start.known)
-        unknown = unknown_not_known(found.report.unknown, start.known)
+        catalogue = {name: effect for name, effect in CATALOGUE.items() if name not in without}
+        result = diagnose(start.frame, catalogue=catalogue, progress=stage.enter)
+        # Effects of scatter cannot be removed from the reports: known ones are diagnosed again.
+        effects = not_known(result.report.effects, start.removed)
+        unknown = unknown_not_known(result.report.unknown, start.removed)
         findings = [effect.name for effect in effects]
         if number := len(unknown.where):
             findings.append(f"{number} unexplained error{'s' if number > 1 else ''}")
@@ -119,19 +119,19 @@ def diagnosis(
         config, test = job.config, job.config.field_test
         claims = review_claims(
             headings,
-            found.adjustment,
+            result.adjustment,
             pools=job.pools,
             reference=config.gap_reference(),
             fit=config.fit.model_dump(),
             field_test=None if test is None else test.model_dump(),
         )
         stage.note = "no effect other than the deviation to remove"
-        if found.adjustment.names:
+        if result.adjustment.names:
             stage.note = f"{claims.stay} of {claims.of} fits stay within their interval"
-        elif found.report.unknown.where:
+        elif result.report.unknown.where:
             stage.note = "unexplained errors are not removed from the reports"
     report = replace(
-        found.report,
+        result.report,
         effects=effects,
         unknown=unknown,
         reference=config.gap_reference(),
@@ -139,7 +139,7 @@ def diagnosis(
         known=start.known_entries or None,
         simulation=start.simulation,
         claims=claims,
-        counts=replace(found.report.counts, reports=archive.sizes["report"]),
+        counts=replace(result.report.counts, reports=archive.sizes["report"]),
     )
     report = attributed(
         report,
@@ -149,11 +149,11 @@ def diagnosis(
         ),
     )
     write_json(job.output / "gap.json", report.content())
-    write_effects([*start.known, *active_effects(report)], job.output / "effects.yaml")
+    write_effects([*start.removed, *active_effects(report)], job.output / "effects.yaml")
     title = "Gap between reported and simulated winds: maps, evidence and statistics"
-    job.write(found.dataset, "gap.nc", title=title, sources=(archive,))
+    job.write(result.dataset, "gap.nc", title=title, sources=(archive,))
     with job.progress.stage("page") as stage:
-        stage.note = str(write_gap_page(job.output / "gap", gap=report, maps=found.dataset))
+        stage.note = str(write_gap_page(job.output / "gap", gap=report, maps=result.dataset))
     return report
 
 
@@ -166,7 +166,7 @@ def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.D
     """
     config = job.config
     members = job.pools[config.gap_reference()]
-    models = {name: one for name, one in catalogues(job).items() if name in members}
+    models = {name: catalogue for name, catalogue in catalogues(job).items() if name in members}
     if not models:
         return headings
     places = headings[["time", "latitude", "longitude", "pressure"]]
@@ -174,8 +174,8 @@ def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.D
     near = {}
     for when, hour in hours.items():
         shift = np.timedelta64(round(3600 * (hour - offset)), "s")
-        moved, gap = places.assign(time=places["time"] + shift), config.collocation.max_time_gap
-        winds = collocate(moved, models, max_time_gap=gap).compute()
+        shifted, gap = places.assign(time=places["time"] + shift), config.collocation.max_time_gap
+        winds = collocate(shifted, models, max_time_gap=gap).compute()
         for name in ("reference_eastward_wind", "reference_northward_wind"):
             near[name + when] = winds[name].reindex(reference=headings["reference"])
     return headings.assign(near)
@@ -196,7 +196,7 @@ class Start:
     """Reports for a diagnosis, and the effects that were removed from them."""
 
     frame: Frame
-    known: list[ActiveEffect] = field(default_factory=list)  # removed from the reports
+    removed: list[ActiveEffect] = field(default_factory=list)
     known_entries: list[KnownEntry] = field(default_factory=list)  # for ``gap.json``
     # entry of ``gap.json``; None for the perfect instrument
     simulation: SimulationEntry | None = None
@@ -207,35 +207,39 @@ def starting_point(
 ) -> Callable[[Frame], Start]:
     """Read the starting point of a diagnosis; return a function that makes it from the archive."""
     effects = None if known is None else read_known(known, reference=job.config.gap_reference())
-    reports = None if simulated is None else _read(job, simulated)
+    reports = None if simulated is None else _read_simulation(job, simulated)
 
     def begin(frame: Frame) -> Start:
         start = Start(frame)
         if simulated is not None and reports is not None:
-            start = _against(job, frame, simulated, *reports)
+            start = _from_simulation(job, frame, simulated, *reports)
         if known is not None and effects is not None:
-            start = _without(start, effects, str(known), strict=known.suffix != ".nc")
+            start = _without_effects(start, effects, str(known), strict=known.suffix != ".nc")
         return start
 
     return begin
 
 
-def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, strict: bool) -> Start:
+def _without_effects(
+    start: Start, effects: Sequence[ActiveEffect], source: str, *, strict: bool
+) -> Start:
     """Remove effects; those of aircraft that are not in the archive are refused or omitted."""
     removed = list(effects)
     if not strict:
         removed, tails = [], start.frame.tails
-        for one in effects:
-            both = None if one.tails is None else tuple(t for t in one.tails if t in tails)
+        for effect in effects:
+            there = None if effect.tails is None else tuple(t for t in effect.tails if t in tails)
             # effects on all aircraft remain; a swap needs both of its aircraft
-            if both is None or (both and (one.name != "tail_swap" or len(both) == 2)):
-                removed.append(replace(one, tails=both))
+            if there is None or (there and (effect.name != "tail_swap" or len(there) == 2)):
+                removed.append(replace(effect, tails=there))
     try:
-        left = remove_effects(start.frame, removed)
+        remaining = remove_effects(start.frame, removed)
     except InputError as err:
         raise err.located(file=source) from err
     # mean vector disagreement of reports and simulation
-    before, after = (float(np.hypot(*one.residual.T).mean() / KNOT) for one in (start.frame, left))
+    before, after = (
+        float(np.hypot(*frame.residual.T).mean() / KNOT) for frame in (start.frame, remaining)
+    )
     entry = KnownEntry(
         source=source,
         effects=plain_effects(removed),
@@ -243,11 +247,13 @@ def _without(start: Start, effects: Sequence[ActiveEffect], source: str, *, stri
         disagreement_without_kt=before,
         disagreement_with_kt=after,
     )
-    known, entries = [*start.known, *removed], [*start.known_entries, entry]
-    return replace(start, frame=left, known=known, known_entries=entries)
+    entries = [*start.known_entries, entry]
+    return replace(
+        start, frame=remaining, removed=[*start.removed, *removed], known_entries=entries
+    )
 
 
-def _against(
+def _from_simulation(
     job: Job, frame: Frame, simulated: str, reports: xr.Dataset, simulation: Config
 ) -> Start:
     with job.progress.stage("match") as stage:
@@ -270,19 +276,19 @@ def _against(
     shutil.rmtree(output, ignore_errors=True)
     shared = set(frame.tails) & {str(name) for name in reports["aircraft"].values}
     entry = replace(entry, matched_by="distribution", aircraft_in_both=sorted(shared))
-    return _without(Start(frame, simulation=entry), effects, simulated, strict=False)
+    return _without_effects(Start(frame, simulation=entry), effects, simulated, strict=False)
 
 
 def effects_of_archive(job: Job) -> list[ActiveEffect]:
     """Diagnose the archive of a simulation and return its effects."""
     frame = frame_of(job, with_near_winds(job, sampled(make_headings(job))))
     with job.progress.stage("diagnose the simulation") as stage:
-        found = active_effects(diagnose(frame, progress=stage.enter).report)
-        stage.note = f"{len(found)} effects"
-    return found
+        effects = active_effects(diagnose(frame, progress=stage.enter).report)
+        stage.note = f"{len(effects)} effects"
+    return effects
 
 
-def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Config]:
+def _read_simulation(job: Job, simulated: str) -> tuple[xr.Dataset, Config]:
     """Read simulated reports; return also the configuration of their archive.
 
     Without a configuration of the simulation it is that of the job with other report files, whose
@@ -292,8 +298,8 @@ def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Config]:
         config = load_config(Path(simulated))
         section = config.reports
         with naming_configuration(simulated):
-            found = read_reports(section.files, format=section.format, columns=section.columns)
-        return found, config
+            reports = read_reports(section.files, format=section.format, columns=section.columns)
+        return reports, config
     if not glob(simulated, recursive=True):
         remedy = "Name a file of reports, a glob, or a configuration"
         raise InputError(
@@ -301,12 +307,12 @@ def _read(job: Job, simulated: str) -> tuple[xr.Dataset, Config]:
         )
     files, columns = [simulated], job.config.reports.columns
     try:
-        found, columns = read_reports(files), {}
+        reports, columns = read_reports(files), {}
     except InputError:
         if not columns:
             raise
-        found = read_reports(files, columns=columns)
+        reports = read_reports(files, columns=columns)
     section = job.config.reports.model_copy(
         update={"files": files, "format": "auto", "columns": columns}
     )
-    return found, job.config.model_copy(update={"reports": section})
+    return reports, job.config.model_copy(update={"reports": section})

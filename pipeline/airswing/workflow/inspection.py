@@ -13,7 +13,7 @@ import yaml
 from airswing.errors import InputError, shortened
 from airswing.products.damaged_netcdf import DAMAGE, require_sound
 from airswing.products.foreign_files import foreign_file
-from airswing.products.whole_files import plain
+from airswing.products.whole_files import json_types
 from airswing.reference.files import first_bytes, local_path
 from airswing.reference.inspection import inspect_winds
 from airswing.reports.mapping_proposal import propose_mapping
@@ -22,8 +22,8 @@ from airswing.reports.read import reports_summary
 
 def inspect_file(path: Path) -> dict[str, object]:
     """Return ``file``, ``kind`` and the summary of that kind."""
-    kind, found = _content(Path(path))
-    return {"file": str(path), "kind": kind} | found
+    kind, summary = _content(Path(path))
+    return {"file": str(path), "kind": kind} | summary
 
 
 def _content(path: Path) -> tuple[str, dict[str, object]]:
@@ -67,21 +67,21 @@ def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
     if "column" not in error.what and "is there" not in error.what:
         return None
     try:
-        found = propose_mapping(path)
+        proposal = propose_mapping(path)
     except (InputError, ValueError, ImportError):
         # without a proposal the message of the reader is shown
         return None
-    if found is None:
+    if proposal is None:
         return None
     summary: dict[str, object] = {"problem": f"{error.field}: {error.what}"}
-    summary["proposed mapping, to go under reports"] = found["yaml"]
-    if found["unused"]:
-        summary["columns not used"] = found["unused"]
-    if found["missing"]:
-        summary["still missing"] = ", ".join(found["missing"])
+    summary["proposed mapping, to go under reports"] = proposal["yaml"]
+    if proposal["unused"]:
+        summary["columns not used"] = proposal["unused"]
+    if proposal["missing"]:
+        summary["still missing"] = ", ".join(proposal["missing"])
         return summary
     try:
-        summary["read with it"] = reports_summary(path, columns=found["columns"])
+        summary["read with it"] = reports_summary(path, columns=proposal["columns"])
     except InputError as again:
         summary["read with it"] = str(again)
     return summary
@@ -121,9 +121,9 @@ _Dumper.add_representer(
 )
 
 
-def as_text(found: dict[str, object]) -> str:
+def as_text(summary: dict[str, object]) -> str:
     """Lay the result of :func:`inspect_file` out for a terminal, as YAML."""
-    known = {key: value for key, value in found.items() if value not in (None, "", [], {})}
+    content = {key: value for key, value in summary.items() if value not in (None, "", [], {})}
     options: Any = {"sort_keys": False, "allow_unicode": True, "width": 10_000}
-    text: str = yaml.dump(plain(known), Dumper=_Dumper, **options)
+    text: str = yaml.dump(json_types(content), Dumper=_Dumper, **options)
     return text.rstrip()

@@ -116,10 +116,10 @@ class Job:
             source_uuids=[source.attrs["uuid"] for source in sources],
         )
 
-    def ready(self, given: xr.Dataset | None, name: str) -> xr.Dataset:
+    def ready(self, product: xr.Dataset | None, name: str) -> xr.Dataset:
         """Take a product as given, or open that of the output folder."""
-        if given is not None:
-            return given
+        if product is not None:
+            return product
         return open_product(product_path(self.output, name.removesuffix(".nc")))
 
 
@@ -128,11 +128,11 @@ def require_kept(headings: xr.Dataset) -> None:
     if headings.attrs.get("kept_reports", 1):
         return
     counts = tally(headings, "screened_out")
-    found = ", ".join(f"{rule} {int(count):,}" for rule, count in counts.items() if count)
+    removed = ", ".join(f"{rule} {int(count):,}" for rule, count in counts.items() if count)
     raise InputError(
         "screening left no report",
         field="screening",
-        found=f"of {headings.sizes['report']:,} reports, left out by {found}",
+        found=f"of {headings.sizes['report']:,} reports, left out by {removed}",
         remedy="Loosen the rule that removed most, or check the reports; "
         f"the folder {HEADINGS} holds the model winds at them",
     )
@@ -209,15 +209,15 @@ def require_same_code(client: Client) -> None:
     """Raise InputError for workers with another version of airswing."""
     answers = client.run(code_digest, on_error="return")
     # ignore a worker that was lost meanwhile (OSError)
-    other = sorted(
+    outdated = sorted(
         worker
         for worker, digest in answers.items()
         if digest != code_digest() and not isinstance(digest, OSError)
     )
-    if other:
+    if outdated:
         raise InputError(
             "workers have no airswing of this version",
             field="scheduler",
-            found=", ".join(other[:3]),
+            found=", ".join(outdated[:3]),
             remedy="Install the same airswing where the workers run",
         )

@@ -74,7 +74,7 @@ class Results:
 
     def __repr__(self) -> str:
         reports, status = self.summary["reports"], self.summary["status"]
-        months = ", ".join(f"{len(names)} {what}" for what, names in self.months.items())
+        months = ", ".join(f"{len(names)} {state}" for state, names in self.months.items())
         return "\n".join(
             [
                 f"<Results in {self.output}>",
@@ -139,8 +139,8 @@ def run_job(job: Job) -> Results:
         headings = make_headings(job)
         fits = make_fits(job, headings)
         corrected = make_corrected(job, headings, fits)
-        apart = disagreement(headings, corrected, job.reference)
-        summary = summarise(job, headings, fits, apart)
+        differences = disagreement(headings, corrected, job.reference)
+        summary = summarise(job, headings, fits, differences)
         evaluation = make_evaluation(job, headings, fits, corrected)
         if evaluation.monitoring is not None:
             summary["events"] = len(evaluation.monitoring.events)
@@ -153,13 +153,15 @@ def run_job(job: Job) -> Results:
                 corrected=corrected,
                 summary=summary,
                 evaluation=evaluation,
-                disagreement=apart,
+                disagreement=differences,
             )
             stage.note = str(page)
     return Results(job.output, headings, fits, corrected, evaluation, summary)
 
 
-def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAfter) -> Summary:
+def summarise(
+    job: Job, headings: xr.Dataset, fits: xr.Dataset, differences: BeforeAfter
+) -> Summary:
     """Collect the main results of a run.
 
     ``reference``, ``reports``, ``aircraft``, ``months``, counts by ``status``, ``disagreement_kt``
@@ -171,11 +173,11 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
     names = ["offset", "amplitude", "phase"]
     names += [f"{name}_standard_error" for name in names]
     status = {code: name for name, code in STATUS.items()}
-    chosen = fits.sel(reference=job.reference)
-    table = chosen[["status", *names, "report_count"]].to_dataframe().reset_index()
+    selected = fits.sel(reference=job.reference)
+    table = selected[["status", *names, "report_count"]].to_dataframe().reset_index()
     table = table[["aircraft", "status", *names, "report_count"]]
     table = table.rename(columns={"report_count": "reports"}).assign(
-        status=table["status"].map(status), before_kt=apart.before, after_kt=apart.after
+        status=table["status"].map(status), before_kt=differences.before, after_kt=differences.after
     )
     reading = tally(headings, "reading_audit")
     return {
@@ -188,7 +190,7 @@ def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, apart: BeforeAft
         "aircraft": headings.sizes["aircraft"],
         "months": json.loads(headings.attrs.get("months", "{}")),
         "status": status_counts(fits, job.reference),
-        "disagreement_kt": {"before": apart.total.before, "after": apart.total.after},
+        "disagreement_kt": {"before": differences.total.before, "after": differences.total.after},
         "warnings": [
             *plausibility_warnings(fits),
             *screening_warnings(headings),
@@ -226,14 +228,14 @@ def summary_text(summary: Summary, output: Path) -> str:
         )
     lines.append("* degrees, with 95 % intervals")
     months = "; ".join(
-        f"months {what}: "
+        f"months {state}: "
         + (", ".join(names) if len(names) < 5 else f"{len(names)}, {names[0]} to {names[-1]}")
-        for what, names in summary.get("months", {}).items()
+        for state, names in summary.get("months", {}).items()
         if names
     )
-    for part in (summary.get("warnings"), summary.get("watched"), months):
-        if part:
-            lines += ["", *([part] if isinstance(part, str) else part)]
+    for paragraph in (summary.get("warnings"), summary.get("watched"), months):
+        if paragraph:
+            lines += ["", *([paragraph] if isinstance(paragraph, str) else paragraph)]
     lines += [
         "",
         f"mean wind vector disagreement of the corrected reports: {before:.2f} kt before, "

@@ -70,20 +70,20 @@ def make_headings(job: Job) -> xr.Dataset:
         "screening": fingerprint(screening),
     }
     months = [_Month(job, name, archive, models, settings) for name in archive.months]
-    if models and not any(month.before.get("product") for month in months):
+    if models and not any(month.previous.get("product") for month in months):
         # refuse reports and models without overlap before hours of reading
         for most in (_CHECKED_FIRST, archive.count):
             gap = config.collocation.max_time_gap
             overlaps = overlap(archive.places(most), models, max_time_gap=gap)
-            if all(one["matched"] for one in overlaps.values()):
+            if all(counts["matched"] for counts in overlaps.values()):
                 break
         else:
             require_overlap(overlaps)
     for month in months:
-        if not month.kept:
+        if not month.unchanged:
             month.make()
             archive.release(month.name)
-    there = {month.name for month in months if month.before["product"]}
+    there = {month.name for month in months if month.previous["product"]}
     for path in (job.output / HEADINGS).glob("*.nc"):
         if path.stem not in there:  # all its reports were withdrawn
             for name in (HEADINGS, CORRECTED):
@@ -95,9 +95,9 @@ def make_headings(job: Job) -> xr.Dataset:
         )
     headings = open_product(job.output / HEADINGS)
     headings.attrs["reading_audit"] = archive.audit_of(headings).as_json()
-    made = [month.name for month in months if not month.kept and month.name in there]
-    kept = [month.name for month in months if month.kept]
-    headings.attrs["months"] = json.dumps({"made": made, "kept": kept})
+    remade = [month.name for month in months if not month.unchanged and month.name in there]
+    unchanged = [month.name for month in months if month.unchanged]
+    headings.attrs["months"] = json.dumps({"made": remade, "kept": unchanged})
     return headings
 
 
@@ -119,12 +119,12 @@ class ReportArchive:
         def record(path: Path) -> tuple[tuple[str, dict[str, Any]], Audit]:
             status, name = path.stat() if path.exists() else path.lstat(), str(path)
             identity = [status.st_size, status.st_mtime_ns]
-            found = noted.get(name, {})
-            if found.get("identity") != identity:
+            entry = noted.get(name, {})
+            if entry.get("identity") != identity:
                 audit, frame = self._read(name).as_dict(), self._frames[name]
-                found = {"identity": identity, "audit": audit, "days": _days_of(frame)}
-                found["tails"] = frame["tail"].unique().tolist()
-            return (name, found), Audit.from_dict(found["audit"])
+                entry = {"identity": identity, "audit": audit, "days": _days_of(frame)}
+                entry["tails"] = frame["tail"].unique().tolist()
+            return (name, entry), Audit.from_dict(entry["audit"])
 
         asked = self._asked
         records, self.audit = read_each(
@@ -133,11 +133,11 @@ class ReportArchive:
         self.files: dict[str, dict[str, Any]] = dict(records)  # also for the next run
         if (test := job.config.field_test) is not None:
             # an unknown aircraft is refused before model files are read
-            tails = {tail for found in self.files.values() for tail in found["tails"]}
-            chosen = [*test.corrected, *test.controls]
+            tails = {tail for entry in self.files.values() for tail in entry["tails"]}
+            named = [*test.corrected, *test.controls]
             # aircraft that share an identifier are numbered later: N401-1, N401-2
-            tails |= {name for name in chosen if re.sub(r"-\d+$", "", name) in tails}
-            require_aircraft(np.array(sorted(tails)), chosen, "field_test")
+            tails |= {name for name in named if re.sub(r"-\d+$", "", name) in tails}
+            require_aircraft(np.array(sorted(tails)), named, "field_test")
         write_json(job.notes / "reports.json", {"key": key, "files": self.files})
         rows = [(name, *row) for name, record in self.files.items() for row in record["days"]]
         self.days = pd.DataFrame(rows, columns=["file", "day", "count", "mark"])
@@ -173,12 +173,12 @@ class ReportArchive:
     def around(self, month: str) -> list[pd.DataFrame]:
         """Cleaned reports of the days around a month, one table a file."""
         start, stop = _month_bounds(month)
-        found = []
+        tables = []
         for name in self._near(month)["file"].unique():
             frame = self._frame(name)
             inside = frame["time"].between(start - MARGIN, stop + MARGIN, inclusive="left")
-            found.append(frame if inside.all() else frame[inside])
-        return found
+            tables.append(frame if inside.all() else frame[inside])
+        return tables
 
     def release(self, month: str) -> None:
         """Drop the reports of files that no later month needs."""
@@ -196,12 +196,12 @@ class ReportArchive:
 
     def audit_of(self, headings: xr.Dataset) -> Audit:
         """Counts of the reading of all files, and of the assembly of the months."""
-        found, assembled = Audit(), Audit.from_dict(tally(headings, "reading_audit"))
-        found.add(self.audit)
+        total, assembled = Audit(), Audit.from_dict(tally(headings, "reading_audit"))
+        total.add(self.audit)
         assembled.read = 0  # reports read are counted with their files
-        found.add(assembled)
-        found.similar_tails = similar(map(str, headings["aircraft"].to_numpy()))
-        return found
+        total.add(assembled)
+        total.similar_tails = similar(map(str, headings["aircraft"].to_numpy()))
+        return total
 
 
 def _days_of(frame: pd.DataFrame) -> list[list[int]]:
@@ -225,14 +225,14 @@ def catalogues(job: Job) -> dict[str, Catalogue]:
     # a simulation on other paths shares the results of its job, but may have other references
     key = f"catalogues of {job.config.references!r}"
     if key in job.shared:
-        known: dict[str, Catalogue] = job.shared[key]
-        return known
-    found = {}
+        shared: dict[str, Catalogue] = job.shared[key]
+        return shared
+    models = {}
     with job.progress.stage("catalogue") as stage:
         for name, asked in job.config.references.items():
             if asked.engine == "fleet":
                 continue
-            found[name] = build_catalogue(
+            models[name] = build_catalogue(
                 asked.files,
                 name=name,
                 lead=asked.lead,
@@ -242,13 +242,13 @@ def catalogues(job: Job) -> dict[str, Catalogue]:
                 naming=asked.naming(),
             )
         stage.note = ", ".join(
-            f"{name} {len(model):,} model times" for name, model in found.items()
+            f"{name} {len(model):,} model times" for name, model in models.items()
         )
-    for name, model in found.items():
+    for name, model in models.items():
         for note in [*model_warnings(model.skipped), *model.notes]:
             job.progress.say(f"  {name}: {note}")
-    job.shared[key] = found
-    return found
+    job.shared[key] = models
+    return models
 
 
 def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) -> list[str]:
@@ -287,8 +287,8 @@ class _Month:
         }
         # record of an earlier run if only the screening differs; else empty
         before = {} if job.fresh else read_note(self._note_path)
-        self.before = before if self._holds(before) else {}
-        self.kept = bool(self.before) and self.before["settings"] == settings
+        self.previous = before if self._holds(before) else {}
+        self.unchanged = bool(self.previous) and self.previous["settings"] == settings
 
     def _holds(self, before: dict[str, Any]) -> bool:
         """Whether the headings of an earlier run have the same reports and model winds."""
@@ -302,8 +302,8 @@ class _Month:
         if not before["product"] or not self.path.exists():
             return not before["product"]
         try:
-            with open_product(self.path) as found:
-                return bool(found.attrs["uuid"] == before["product"])
+            with open_product(self.path) as product:
+                return bool(product.attrs["uuid"] == before["product"])
         except InputError:
             text = f"{self.path.name}: not a product that can be read, made again"
             self.job.progress.say(text)
@@ -311,17 +311,17 @@ class _Month:
 
     def make(self) -> None:
         """Make and record the month's headings, unless no flight begins in it."""
-        if self.before.get("product"):
+        if self.previous.get("product"):
             self.job.progress.say(f"{self.name}: model winds kept, screening repeated")
-            self.note["models"] = self.before["models"]
+            self.note["models"] = self.previous["models"]
             headings: xr.Dataset | None = read_product(self.path).drop_vars("screening")
         else:
             headings = self._collocated()
         uuid = "" if headings is None else self._write(headings)
-        self.before = {**self.note, "product": uuid}
+        self.previous = {**self.note, "product": uuid}
         # a month whose model files were lost during the run must be remade by the next
         if not self.lost:
-            write_json(self._note_path, self.before)
+            write_json(self._note_path, self.previous)
 
     def _write(self, headings: xr.Dataset) -> str:
         """Screen and write the month; the identifier of the product."""
@@ -336,13 +336,13 @@ class _Month:
                     headings, aircraft=test.corrected, start=np.datetime64(test.start), end=end
                 )
             counts = screening_counts(headings)["together"].sum("aircraft").to_series()
-            kept = int((headings["screening"] == 0).sum())
+            passed = int((headings["screening"] == 0).sum())
             headings.attrs = {
                 **attrs,
-                "kept_reports": kept,
+                "kept_reports": passed,
                 "screened_out": json.dumps(counts.to_dict()),
             }
-            stage.note = f"{kept:,} of {headings.sizes['report']:,} reports kept"
+            stage.note = f"{passed:,} of {headings.sizes['report']:,} reports kept"
             self._note_path.unlink(missing_ok=True)
             title = "Heading errors of aircraft reports against model winds"
             self.job.write(headings, f"{HEADINGS}/{self.name}.nc", title=title)
@@ -394,7 +394,7 @@ class _Month:
             matched = ", ".join(f"{name} {number:,}" for name, number in numbers.items())
             stage.note = f"reports with winds: {matched}"
         problems = dict(zip(models, winds[PROBLEMS].to_numpy(), strict=True))
-        met = (problem for found in problems.values() for problem in found)
+        met = (problem for failures in problems.values() for problem in failures)
         self.lost = len({file for _, file, why in met if is_lost_file(why)})
         audits = {
             name: {

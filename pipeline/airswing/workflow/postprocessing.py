@@ -35,17 +35,17 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
     (lines, by reason) and by ``variables`` ``ratio``, ``pairs``, and by method the scores on the
     days held out and, as ``stations``, their distribution over stations.
     """
-    section, folder, whole = load_postprocess(config, output=output)
+    section, folder, configuration = load_postprocess(config, output=output)
     progress = Progress(quiet=quiet)
     with naming_configuration(config), workspace(folder):
         with progress.stage("pairs") as stage:
             if section.pairs is not None:
-                given = section.pairs
+                tables = section.pairs
                 pairs = pairs_from_tables(
-                    expand(given.files, "postprocess.pairs.files"),
-                    columns=given.columns,
-                    variable=given.variable,
-                    units=given.units,
+                    expand(tables.files, "postprocess.pairs.files"),
+                    columns=tables.columns,
+                    variable=tables.variable,
+                    units=tables.units,
                 )
             elif section.forecasts is not None and section.stations is not None:
                 pairs = pairs_at_stations(
@@ -55,42 +55,42 @@ def postprocess(config: Path, *, output: Path | None = None, quiet: bool = False
                     max_time_gap=section.stations.max_time_gap,
                 )
             else:
-                pairs = _flight_levels(section.winds or FlightLevelWinds(), whole)
+                pairs = _flight_levels(section.winds or FlightLevelWinds(), configuration)
             stage.note = " x ".join(f"{size} {name}" for name, size in pairs.sizes.items())
         with progress.stage("filter"):
             corrected = correct_forecasts(
                 pairs, ratio=section.ratio, training=section.training, window=section.running_mean
             )
-            made = xr.merge([corrected, score_forecasts(corrected)], combine_attrs="override")
+            product = xr.merge([corrected, score_forecasts(corrected)], combine_attrs="override")
             path = write_product(
-                made,
+                product,
                 folder / "postprocessed.nc",
                 title="Forecasts at stations corrected by a Kalman filter",
-                config_json=whole.model_dump_json(),
+                config_json=configuration.model_dump_json(),
                 sources=["forecasts and observations at stations"],
             )
         with progress.stage("page"):
             page = write_forecast_page(folder / "postprocess", read_product(path))
-    variables = {name: _scores(made, name) for name in map(str, made["variable"].to_numpy())}
+    variables = {name: _scores(product, name) for name in map(str, product["variable"].to_numpy())}
     return {
-        "headline": forecast_headline(made),
+        "headline": forecast_headline(product),
         "variables": variables,
-        "summary": [line for name, found in variables.items() for line in _lines(name, found)],
+        "summary": [line for name, scores in variables.items() for line in _lines(name, scores)],
         "product": str(path),
         "page": str(page),
         "left_out": pairs.attrs["lines_left_out"],
     }
 
 
-def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
-    if not isinstance(whole, Config):
+def _flight_levels(section: FlightLevelWinds, configuration: BaseModel) -> xr.Dataset:
+    if not isinstance(configuration, Config):
         raise ConfigError(
             "winds at flight levels are those of the main job",
             field="postprocess.winds",
             remedy="Give the configuration of `airswing run`, with reports and references",
         )
-    pools = whole.pools()
-    reference = section.reference or whole.main_reference()
+    pools = configuration.pools()
+    reference = section.reference or configuration.main_reference()
     if reference not in pools:
         raise ConfigError(
             "no such reference or pool",
@@ -99,7 +99,7 @@ def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
             remedy=f"Known: {', '.join(pools)}",
         )
     headings, corrected = (
-        open_product(product_path(whole.output, name)) for name in (HEADINGS, CORRECTED)
+        open_product(product_path(configuration.output, name)) for name in (HEADINGS, CORRECTED)
     )
     with headings, corrected:
         region, fewest = math.degrees(section.region), section.fewest
@@ -108,25 +108,25 @@ def _flight_levels(section: FlightLevelWinds, whole: BaseModel) -> xr.Dataset:
         )
 
 
-def _scores(made: xr.Dataset, variable: str) -> dict[str, Any]:
-    chosen = made.sel(variable=variable, period="held_out")
-    found: dict[str, Any] = {
-        "ratio": float(chosen["ratio"]),
-        "ratio_chosen": bool(chosen["ratio_chosen"]),
-        "pairs": int(chosen["pair_count"]),
+def _scores(product: xr.Dataset, variable: str) -> dict[str, Any]:
+    held_out = product.sel(variable=variable, period="held_out")
+    scores: dict[str, Any] = {
+        "ratio": float(held_out["ratio"]),
+        "ratio_chosen": bool(held_out["ratio_chosen"]),
+        "pairs": int(held_out["pair_count"]),
     }
-    for method in map(str, chosen["correction"].to_numpy()):
-        one = chosen.sel(correction=method)
-        found[method] = {
+    for method in map(str, held_out["correction"].to_numpy()):
+        values = held_out.sel(correction=method)
+        scores[method] = {
             name.removeprefix("forecast_error_"): {
-                "value": float(one[name]),
-                "ci": one[f"{name}_interval"].to_numpy(),
+                "value": float(values[name]),
+                "ci": values[f"{name}_interval"].to_numpy(),
             }
             for name in SCORES
         }
         if method != "raw":
-            found[method]["stations"] = station_distribution(made, variable, method)
-    return found
+            scores[method]["stations"] = station_distribution(product, variable, method)
+    return scores
 
 
 def _lines(variable: str, scores: dict[str, Any]) -> list[str]:

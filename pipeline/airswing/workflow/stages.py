@@ -160,21 +160,21 @@ def make_innovations(
         "and level",
     }
     with job.progress.stage("innovations"):
-        found = innovation_products(headings, corrected, pools=job.pools)
-        for product, (name, title) in zip(found, titles.items(), strict=True):
+        products = innovation_products(headings, corrected, pools=job.pools)
+        for product, (name, title) in zip(products, titles.items(), strict=True):
             job.write(product, name, title=title, sources=(headings, corrected))
-    return found
+    return products
 
 
 def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
     """Errors of the reports alone by phase of flight and layer: ``observation_errors.nc``."""
     covariance = job.config.observation_errors.reference_covariance
     with job.progress.stage("observation errors") as stage:
-        found = observation_errors(headings, corrected, covariance=covariance, **job.against)
+        errors = observation_errors(headings, corrected, covariance=covariance, **job.against)
         title = "Standard error of a wind component of the reports alone"
-        job.write(found, "observation_errors.nc", title=title, sources=(headings, corrected))
-        stage.note = found.attrs["method"] or found.attrs["method_reason"]
-    return found
+        job.write(errors, "observation_errors.nc", title=title, sources=(headings, corrected))
+        stage.note = errors.attrs["method"] or errors.attrs["method_reason"]
+    return errors
 
 
 def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
@@ -186,17 +186,17 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
         first, last = (day.astype("datetime64[D]") for day in time_span(headings))
         by_month = (last - first).astype(int) <= _MOST_DAYS_BY_MONTH
         window: Literal["month", "quarter"] = "month" if by_month else "quarter"
-        note, made = _months_note(job, headings)
+        note, remade = _months_note(job, headings)
         path, noted = job.output / "stability.json", job.notes / "stability.json"
         # begin of the window of the first month made
-        remade = np.datetime64(min(made, default=str(last + 1)), "M").astype(np.int64)
-        begin = np.datetime64(int(remade - remade % (1 if by_month else 3)), "M")
+        first_month = np.datetime64(min(remade, default=str(last + 1)), "M").astype(np.int64)
+        begin = np.datetime64(int(first_month - first_month % (1 if by_month else 3)), "M")
         earlier: list[Content] = []
         if not job.fresh and read_note(noted).get("settings") == note["settings"]:
             last_time = read_note(path)
             if last_time.get("window") == window:
                 windows = last_time["windows"]
-                earlier = [one for one in windows if np.datetime64(one["window"]) < begin]
+                earlier = [fit for fit in windows if np.datetime64(fit["window"]) < begin]
         windows = fit_by_window(
             headings,
             window=window,
@@ -205,12 +205,12 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
             **job.config.fit.model_dump(),
         )
         # aircraft that had no report in the earlier windows
-        known = {entry["aircraft"] for entry in earlier}
+        fitted = {entry["aircraft"] for entry in earlier}
         windows += earlier + [
-            {"aircraft": name, "window": one, "reports": 0, "status": "too_few_reports"}
+            {"aircraft": name, "window": window_begin, "reports": 0, "status": "too_few_reports"}
             for name in headings["aircraft"].to_numpy().astype(str).tolist()
-            for one in sorted({entry["window"] for entry in earlier})
-            if name not in known
+            for window_begin in sorted({entry["window"] for entry in earlier})
+            if name not in fitted
         ]
         windows.sort(key=lambda entry: (entry["aircraft"], entry["window"]))
         changes = noted_changes(fits)
@@ -227,10 +227,10 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
 def _months_note(job: Job, headings: xr.Dataset) -> tuple[Content, list[str]]:
     """Settings and months of a run, to compare with those of the next, and the months made."""
     months = json.loads(str(headings.attrs.get("months", "{}")))
-    made = months.get("made", [])
+    remade = months.get("made", [])
     config = job.config.model_dump(exclude={"compute", "output", "metadata"})
     settings = fingerprint(config, code_digest())
-    return {"settings": settings, "months": sorted([*made, *months.get("kept", [])])}, made
+    return {"settings": settings, "months": sorted([*remade, *months.get("kept", [])])}, remade
 
 
 def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Content]:
@@ -264,17 +264,17 @@ def virtual_of_month(
     It fits the earlier reports again, so a run that adds only to the last month keeps the earlier
     result.
     """
-    note, made = _months_note(job, headings)
+    note, remade = _months_note(job, headings)
     names = note["months"]
     path, noted = job.output / "virtual_field_test.json", job.notes / "virtual_field_test.json"
-    kept = not job.fresh and set(made) <= set(names[-1:]) and read_note(noted) == note
-    if kept and path.exists():
+    reusable = not job.fresh and set(remade) <= set(names[-1:]) and read_note(noted) == note
+    if reusable and path.exists():
         job.progress.say("virtual_field_test.json: kept until the next month begins")
         return read_note(path)
-    found = make_virtual(job, headings, fits, ranking)
+    result = make_virtual(job, headings, fits, ranking)
     if names:
         write_json(noted, note)
-    return found
+    return result
 
 
 def make_virtual(
@@ -309,14 +309,14 @@ def make_virtual(
         gains = []
         for name, test_of in (("later", later), ("held_out", held_out)):
             try:
-                part = result[name] = test_of()
+                outcome = result[name] = test_of()
             except InputError as err:
                 result[name] = {"why": str(err)}
                 continue
-            if part["realised_gain_kt"] is not None:
+            if outcome["realised_gain_kt"] is not None:
                 gains.append(
-                    f"{name.replace('_', ' ')} {part['predicted_gain_kt']:.2f} kt predicted, "
-                    f"{part['realised_gain_kt']:.2f} realised"
+                    f"{name.replace('_', ' ')} {outcome['predicted_gain_kt']:.2f} kt predicted, "
+                    f"{outcome['realised_gain_kt']:.2f} realised"
                 )
         write_json(job.output / "virtual_field_test.json", result)
         stage.note = "; ".join(gains) or "too few reports"
@@ -337,10 +337,10 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
         )
     with job.progress.stage("field test") as stage:
         screened = job.ready(headings, HEADINGS)
-        found = field_test(screened, **job.against, **test.model_dump())
+        observed = field_test(screened, **job.against, **test.model_dump())
         options = {**job.against, **config.fit.model_dump(), "corrected": test.corrected}
         expected = predicted_reduction(screened, start=test.start, **options)
-        result = Findings(found | expected)
+        result = Findings(observed | expected)
         write_json(job.output / "field_test.json", result)
         low, high = result["adjusted_reduction_ci_kt"]
         stage.note = (
@@ -388,7 +388,7 @@ def make_monitoring(
         screened, fitted = job.ready(headings, HEADINGS), job.ready(fits, FITS)
         if corrected is None and product_path(job.output, CORRECTED).exists():
             corrected = job.ready(None, CORRECTED)
-        found = find_events(
+        monitoring = find_events(
             screened,
             fitted,
             corrected=corrected,
@@ -398,23 +398,25 @@ def make_monitoring(
             tables_in_use=tables,
             compass=job.shared.get("compass_watch"),
         )
-        found = with_tables(found, _tables_since(job, screened, changed_since(found)))
-        number = len(found.new_events)
-        found = replace(found, unsaid=number)
-        write_events(found, path)
+        monitoring = with_tables(
+            monitoring, _tables_since(job, screened, changed_since(monitoring))
+        )
+        number = len(monitoring.new_events)
+        monitoring = replace(monitoring, unsaid=number)
+        write_events(monitoring, path)
         page = job.output / "report" / "monitoring.html"
-        write_monitoring_page(page, found)
+        write_monitoring_page(page, monitoring)
         stage.note = f"{number:,} new event{'s' * (number != 1)}"
-    return found
+    return monitoring
 
 
 def events_said(job: Job, number: int) -> None:
     """Record that all `number` events have been printed; a later run may have found more."""
     path = job.output / "events.json"
-    found = read_events(path)
-    if found.unsaid:
-        left = min(max(len(found.events) - number, 0), found.unsaid)
-        write_events(replace(found, unsaid=left), path)
+    monitoring = read_events(path)
+    if monitoring.unsaid:
+        unsaid = min(max(len(monitoring.events) - number, 0), monitoring.unsaid)
+        write_events(replace(monitoring, unsaid=unsaid), path)
 
 
 def _tables_since(

@@ -70,28 +70,30 @@ def append_winds(
     >>> track = pd.DataFrame(
     ...     {"time": ["2009-09-20T12:30"], "lat": [42.0], "lon": [-88.0], "pressure_hPa": [400.0]}
     ... )
-    >>> found = airswing.append_winds(track, {"ruc": "data_samples/ruc/*.grb"})
-    >>> bool(found["ruc_wind_speed_kt"].notna().all())
+    >>> winds = airswing.append_winds(track, {"ruc": "data_samples/ruc/*.grb"})
+    >>> bool(winds["ruc_wind_speed_kt"].notna().all())
     True
     """
     places = _places(table, columns or {})
     models = {
-        name: one if isinstance(one, Catalogue) else build_catalogue(one, name=name, lead=lead)
-        for name, one in references.items()
+        name: files
+        if isinstance(files, Catalogue)
+        else build_catalogue(files, name=name, lead=lead)
+        for name, files in references.items()
     }
     winds = collocate(places, models, max_time_gap=max_time_gap).compute()
-    found = table.copy()
+    extended = table.copy()
     for name in references:
         at_model = winds.sel(reference=name)
         u, v = (at_model[f"reference_{way}ward_wind"].to_numpy() for way in ("east", "north"))
         speed = np.hypot(u, v)
-        found[f"{name}_eastward_wind_m_s"] = u
-        found[f"{name}_northward_wind_m_s"] = v
+        extended[f"{name}_eastward_wind_m_s"] = u
+        extended[f"{name}_northward_wind_m_s"] = v
         direction = np.where(speed > 0.0, direction_in_degrees(u, v), np.nan)
-        found[f"{name}_wind_direction_deg"] = direction
-        found[f"{name}_wind_speed_kt"] = speed / KNOT
-        found[f"{name}_lead_time_h"] = at_model["lead_time"].to_numpy()
-    return found
+        extended[f"{name}_wind_direction_deg"] = direction
+        extended[f"{name}_wind_speed_kt"] = speed / KNOT
+        extended[f"{name}_lead_time_h"] = at_model["lead_time"].to_numpy()
+    return extended
 
 
 def collocate_track(
@@ -129,41 +131,46 @@ def collocate_track(
             else pd.read_parquet(track)
         )
     except (OSError, ValueError) as error:
-        found, remedy = getattr(error, "strerror", None) or error, "Save it as CSV or Parquet again"
-        raise InputError("cannot read the table", file=track, found=found, remedy=remedy) from error
+        reason, remedy = (
+            getattr(error, "strerror", None) or error,
+            "Save it as CSV or Parquet again",
+        )
+        raise InputError(
+            "cannot read the table", file=track, found=reason, remedy=remedy
+        ) from error
     models = {}
     for name, pattern in files.items():
         try:
             models[name] = build_catalogue(pattern, name=name)
         except InputError as error:  # it names a key of a configuration
             raise error.located(field=f"--reference {name}") from error.__cause__
-    found = append_winds(table, models, columns=names)
+    extended = append_winds(table, models, columns=names)
     for name, model in models.items():
-        number = int(found[f"{name}_wind_speed_kt"].notna().sum())
+        number = int(extended[f"{name}_wind_speed_kt"].notna().sum())
         first, last = (np.datetime_as_string(model.times[i], unit="m") for i in (0, -1))
         say(
-            f"{number:,} of {len(found):,} rows have a wind of {name}; the model covers "
+            f"{number:,} of {len(extended):,} rows have a wind of {name}; the model covers "
             f"{first}Z to {last}Z"
         )
     with atomic(output) as temporary:
         if output.suffix.lower() == ".csv":
-            found.to_csv(temporary, index=False, float_format="%.3f")
+            extended.to_csv(temporary, index=False, float_format="%.3f")
         else:
-            found.to_parquet(temporary, index=False)
+            extended.to_parquet(temporary, index=False)
     return output
 
 
-def _pairs(given: Sequence[str], option: str, example: str) -> dict[str, str]:
+def _pairs(entries: Sequence[str], option: str, example: str) -> dict[str, str]:
     """The two sides of each ``A=B`` of an option."""
-    found = {}
-    for one in given:
-        name, _, value = (part.strip() for part in one.partition("="))
+    pairs = {}
+    for entry in entries:
+        name, _, value = (side.strip() for side in entry.partition("="))
         if not (name and value):
             raise InputError(
-                "must be A=B", field=option, found=one, remedy=f'Such as {option} "{example}"'
+                "must be A=B", field=option, found=entry, remedy=f'Such as {option} "{example}"'
             )
-        found[name] = value
-    return found
+        pairs[name] = value
+    return pairs
 
 
 def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
@@ -173,26 +180,26 @@ def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
         raise InputError(
             "the table has no such column", field=absent[0], found=there, remedy=remedy
         )
-    found: dict[str, NDArray[np.generic]] = {}
+    places: dict[str, NDArray[np.generic]] = {}
     for name in map(str, table.columns):
         meant = columns.get(name, name).strip()
         meant = _SHORT.get(meant.lower(), meant)
         if meant.lower() == "time":
-            found["time"], blank = parse_times(table[name])
-            unreadable = np.isnat(found["time"]) & ~blank
+            places["time"], blank = parse_times(table[name])
+            unreadable = np.isnat(places["time"]) & ~blank
             if unreadable.any():
                 first = table[name].iloc[int(np.argmax(unreadable))]
                 remedy = "Times are ISO 8601 (UTC) or seconds since 1970"
                 raise InputError("a time cannot be read", field=name, found=first, remedy=remedy)
-        elif (known := split_name(meant)) and known[0].variable in (*_PLACE, "pressure_altitude"):
-            quantity, unit = known
+        elif (column := split_name(meant)) and column[0].variable in (*_PLACE, "pressure_altitude"):
+            quantity, unit = column
             factor, offset = conversion(unit, quantity.si_unit)
             values = pd.to_numeric(table[name].replace("", np.nan), errors="coerce")
-            found[quantity.variable] = values.to_numpy(np.float64) * factor + offset
-    if "pressure" not in found and "pressure_altitude" in found:
-        found["pressure"] = pressure_from_altitude(found.pop("pressure_altitude"))
+            places[quantity.variable] = values.to_numpy(np.float64) * factor + offset
+    if "pressure" not in places and "pressure_altitude" in places:
+        places["pressure"] = pressure_from_altitude(places.pop("pressure_altitude"))
     for name in _PLACE:
-        if name not in found:
+        if name not in places:
             raise InputError(
                 "the table has no column for it",
                 field={"pressure": "pressure_hPa or pressure_altitude_ft"}.get(name, name),
@@ -200,4 +207,4 @@ def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
                 remedy="Rename the column, or give its name by --columns COLUMN=NAME (in Python: "
                 "columns={...})",
             )
-    return xr.Dataset({name: ("report", found[name]) for name in _PLACE})
+    return xr.Dataset({name: ("report", places[name]) for name in _PLACE})

@@ -24,7 +24,7 @@ from airswing.gap.effects import CATALOGUE, ActiveEffect, Parameter, effect_name
 from airswing.gap.effects.base import number
 from airswing.gap.effects.empirical import IRREVERSIBLE
 from airswing.gap.result.schema import EffectEntry, GapReport, PlaceEntry, UnknownEntry
-from airswing.products.whole_files import plain, write_text
+from airswing.products.whole_files import json_types, write_text
 from airswing.quantities import quantity
 
 
@@ -239,7 +239,7 @@ def active_effects(report: GapReport) -> list[ActiveEffect]:
     """Effects of a diagnosis as the simulation takes them: one entry per aircraft or fleet."""
     entries = [entry for effect in report.effects for entry in _of_effect(effect, report.reference)]
     entries += [entry for place in report.unknown.where for entry in _of_place(place)]
-    return parse_effects(plain(entries))
+    return parse_effects(json_types(entries))
 
 
 def _of_effect(effect: EffectEntry, reference: str | None) -> list[dict[str, object]]:

@@ -105,12 +105,12 @@ class _Keys:
 
     def __init__(self, eccodes: ModuleType, handle: int) -> None:
         self.eccodes, self.handle = eccodes, handle
-        self.edition = self.whole("edition")
+        self.edition = self.integer("edition")
 
     def number(self, key: str) -> float:
         return float(self.eccodes.codes_get_double(self.handle, key))
 
-    def whole(self, key: str) -> int:
+    def integer(self, key: str) -> int:
         return int(self.eccodes.codes_get_long(self.handle, key))
 
     def degrees(self, key: str) -> float:
@@ -119,7 +119,7 @@ class _Keys:
             raise UnplaceableGridError("grid beyond the earth")
         return value
 
-    def given(self, key: str) -> float:
+    def increment(self, key: str) -> float:
         """An increment in degrees, NaN if it is not given."""
         try:
             if self.eccodes.codes_is_missing(self.handle, key):
@@ -135,10 +135,10 @@ class _Keys:
             self.eccodes.codes_is_missing(self.handle, key) for key in ("Ni", "Nj")
         ):
             raise UnplaceableGridError("reduced grid (rows of different length)")
-        self.ni, self.nj = self.whole("Ni"), self.whole("Nj")
+        self.ni, self.nj = self.integer("Ni"), self.integer("Nj")
         if not (1 <= self.ni * self.nj <= MAX_POINTS and self.ni > 0):
             raise UnplaceableGridError(f"grid of {self.ni:,} by {self.nj:,} points")
-        scanning = self.whole("scanningMode")
+        scanning = self.integer("scanningMode")
         if scanning & 0x0F:
             raise UnplaceableGridError(f"grid with staggered rows (scanning mode {scanning})")
         # bit 1: towards -i, bit 2: towards +j (GRIB1 table 8, GRIB2 table 3.4)
@@ -148,7 +148,7 @@ class _Keys:
             frame, x, y = self._degrees(kind)
         else:
             frame, x, y = self._projected(kind)
-        along = bool(self.whole("resolutionAndComponentFlags") & 0x08)
+        along = bool(self.integer("resolutionAndComponentFlags") & 0x08)
         return AxesGrid(frame, x, y, along, bool(scanning & 0x20), bool(scanning & 0x10))
 
     def _degrees(self, kind: str) -> tuple[Frame, Floats, Floats]:
@@ -157,13 +157,13 @@ class _Keys:
             for end in ("First", "Last")
         )
         unit = 1e-3 if self.edition == 1 else 1e-6
-        stated = self.given("iDirectionIncrement"), self.given("jDirectionIncrement")
+        stated = self.increment("iDirectionIncrement"), self.increment("jDirectionIncrement")
         if kind.endswith("gg"):
             stated = stated[0], math.nan
         x, y = _axes((self.ni, self.nj), (self.si, self.sj), first, last, unit, stated)
         if kind.endswith("gg"):
             # the list of latitudes of ecCodes ends the process at some damaged sections
-            count = 2 * self.whole("N")
+            count = 2 * self.integer("N")
             if not 2 <= count <= 10_000:
                 raise UnplaceableGridError(f"Gaussian grid of {count:,} latitudes")
             y = np.degrees(np.arcsin(roots_legendre(count)[0]))[:: 1 if self.sj > 0 else -1]
@@ -194,17 +194,17 @@ class _Keys:
         if max(di * (self.ni - 1), dj * (self.nj - 1)) > longest:
             raise UnplaceableGridError("grid larger than the earth")
         earth = self._earth()
-        if kind in ("lambert", "polar_stereographic") and self.whole("projectionCentreFlag") & 0x40:
+        polar = kind in ("lambert", "polar_stereographic")
+        if polar and self.integer("projectionCentreFlag") & 0x40:
             raise UnplaceableGridError("bipolar projection")
         if kind == "lambert":
-            one, two = self.degrees("Latin1"), self.degrees("Latin2")
-            if max(abs(one), abs(two)) >= 90.0 or abs(one + two) < 1e-9:
-                raise UnplaceableGridError(f"no Lambert cone with standard parallels {one}, {two}")
-            proj = (
-                f"lcc +lat_1={one!r} +lat_2={two!r} +lat_0={one!r} +lon_0={self.degrees('LoV')!r}"
-            )
+            first, second = self.degrees("Latin1"), self.degrees("Latin2")
+            if max(abs(first), abs(second)) >= 90.0 or abs(first + second) < 1e-9:
+                raise UnplaceableGridError(f"no Lambert cone with parallels {first}, {second}")
+            meridian = self.degrees("LoV")
+            proj = f"lcc +lat_1={first!r} +lat_2={second!r} +lat_0={first!r} +lon_0={meridian!r}"
         elif kind == "polar_stereographic":
-            pole = -90.0 if self.whole("projectionCentreFlag") & 0x80 else 90.0
+            pole = -90.0 if self.integer("projectionCentreFlag") & 0x80 else 90.0
             true = math.copysign(self.degrees("LaD") if self.edition == 2 else 60.0, pole)
             meridian = self.degrees("orientationOfTheGrid")
             proj = f"stere +lat_0={pole} +lat_ts={true!r} +lon_0={meridian!r}"
@@ -229,9 +229,9 @@ class _Keys:
     def _earth(self) -> str:
         """PROJ parameters of the earth."""
         if self.edition == 1:
-            oblate = self.whole("earthIsOblate")
+            oblate = self.integer("earthIsOblate")
             axes = (6378160.0, 6356775.0) if oblate else (6367470.0, 6367470.0)
-        elif (shape := self.whole("shapeOfTheEarth")) in _OBLATE:
+        elif (shape := self.integer("shapeOfTheEarth")) in _OBLATE:
             axes = _OBLATE[shape]
         elif shape in (3, 7):
             axes = self.number("earthMajorAxisInMetres"), self.number("earthMinorAxisInMetres")
@@ -266,8 +266,8 @@ def _axes(
     dj = (last[0] - first[0]) / (nj - 1) if nj > 1 else sj
     if di == 0 or dj == 0 or (nj > 1 and dj * sj < 0):
         raise UnplaceableGridError("corners and scanning direction contradict each other")
-    for step, given, number in ((di, stated[0], ni), (dj, stated[1], nj)):
-        if number > 1 and abs(abs(step) - given) > 2.0 * unit + _STEP_TOLERANCE * abs(step):
+    for step, increment, number in ((di, stated[0], ni), (dj, stated[1], nj)):
+        if number > 1 and abs(abs(step) - increment) > 2.0 * unit + _STEP_TOLERANCE * abs(step):
             raise UnplaceableGridError("corners and increments contradict each other")
     if abs(abs(di) * ni - 360.0) < ni * unit:
         di = si * 360.0 / ni
@@ -299,10 +299,12 @@ def _rapid_refresh(section: bytes) -> AxesGrid:
     x0, y0 = float(wrap_degrees(x)[0]), float(y[0])
     steps = -2.0 * x0 / (ni - 1), -2.0 * y0 / (nj - 1)
     signs = (-1.0 if scanning & 0x80 else 1.0), (1.0 if scanning & 0x40 else -1.0)
-    stated = [one for one in (signed(63), signed(67)) if one > 0.0]
+    stated = [step for step in (signed(63), signed(67)) if step > 0.0]
     agree = all(
-        any(abs(abs(step) - one * unit) <= _STEP_TOLERANCE * abs(step) for unit in (1e-3, 1.0, 1e3))
-        for step, one in zip(steps, stated, strict=False)
+        any(
+            abs(abs(step) - size * unit) <= _STEP_TOLERANCE * abs(step) for unit in (1e-3, 1.0, 1e3)
+        )
+        for step, size in zip(steps, stated, strict=False)
     )
     if not agree and len(section) >= 80:
         last = frame.xy(np.array([signed(72)]), np.array([signed(76)]))

@@ -93,7 +93,7 @@ class Field(NamedTuple):
     grid: int  # number in `FileContents.grids`
     points: int  # set by the catalogue, and the file
     file: int
-    part: int  # number of the field in its message
+    subindex: int  # number of the field in its message
     member: int
     packing: int
     sparse: bool  # values can be read at single points
@@ -139,9 +139,9 @@ class FileContents:
 class SkippedError(Exception):
     """One field or message that is not used: its kind and the reason."""
 
-    def __init__(self, what: str, reason: str) -> None:
-        super().__init__(what, reason)
-        self.what, self.reason = what, reason
+    def __init__(self, kind: str, reason: str) -> None:
+        super().__init__(kind, reason)
+        self.kind, self.reason = kind, reason
 
 
 class GarbageError(Exception):
@@ -189,8 +189,8 @@ def scan_file(path: str) -> FileContents:
                     try:
                         contents.fields.append(field_of(kind))
                     except SkippedError as skip:
-                        if kind != PRESSURE or skip.what != "wind":
-                            contents.skipped[skip.what, skip.reason] += 1
+                        if kind != PRESSURE or skip.kind != "wind":
+                            contents.skipped[skip.kind, skip.reason] += 1
         except (GarbageError, LookupError, ValueError, ArithmeticError, struct.error) as reason:
             # no part of an inconsistent message is used
             del contents.fields[before:]
@@ -213,8 +213,8 @@ def whole_messages(
         while at < window.size:
             head = window.get(at, 16)
             if head[:4] != b"GRIB":
-                found = os.pread(window.descriptor, _SEARCHED + 3, at).find(b"GRIB")
-                at += found if found >= 0 else _SEARCHED
+                ahead = os.pread(window.descriptor, _SEARCHED + 3, at).find(b"GRIB")
+                at += ahead if ahead >= 0 else _SEARCHED
                 continue
             try:
                 edition, length = _length(window, at, head)
@@ -372,10 +372,10 @@ def _field_1(
     _check_lowest(kind, scale)
     if packing == 0 and bitmap < 0:
         _check_length(stop - at - 11, bits, size)
-    found = start, length, 1, kind, level_kind, level, valid, lead, grid
-    place = -1, 0, 0, member  # points, file and part
+    leading = start, length, 1, kind, level_kind, level, valid, lead, grid
+    place = -1, 0, 0, member  # points, file and subindex
     sparse = packing == 0 and bits <= MAX_BITS
-    return Field(*found, *place, packing, sparse, *scale, bitmap, at + 11, stop)
+    return Field(*leading, *place, packing, sparse, *scale, bitmap, at + 11, stop)
 
 
 def _section_length(window: Window, at: int, end: int, least: int) -> int:
@@ -390,10 +390,10 @@ def _section_length(window: Window, at: int, end: int, least: int) -> int:
 
 def _parts_of_2(window: Window, start: int, length: int, contents: FileContents) -> Parts:
     discipline = window.get(start, 8)[6]
-    for part, (sections, bitmap) in enumerate(_sections_2(window.get, start, length)):
+    for subindex, (sections, bitmap) in enumerate(_sections_2(window.get, start, length)):
         product = window.get(sections[4], 37)
         # bytes 10 and 11: category and number (code table 4.2 of discipline 0)
-        kind, place = _KINDS_2.get((discipline, product[9], product[10])), (start, length, part)
+        kind, place = _KINDS_2.get((discipline, product[9], product[10])), (start, length, subindex)
         yield kind, partial(_field_2, window, product, sections, bitmap, contents, place)
 
 
@@ -456,10 +456,10 @@ def _field_2(
             sparse = usual and bits <= MAX_BITS
     member = product[35] if numbered else 0
     bitmap = bitmap + 6 if bitmap >= 0 else -1
-    first, length, part = place
-    found = first, length, 2, kind, level_kind, level, valid, lead, grid
-    at = -1, 0, part, member  # points, file and part
-    return Field(*found, *at, packing, sparse, *scale, bitmap, start, end)
+    first, length, subindex = place
+    leading = first, length, 2, kind, level_kind, level, valid, lead, grid
+    at = -1, 0, subindex, member  # points, file and subindex
+    return Field(*leading, *at, packing, sparse, *scale, bitmap, start, end)
 
 
 # both editions
@@ -568,23 +568,23 @@ def contents_of(
     warning and a longer run.
     """
     cache = (Path(folder) if folder is not None else _default_folder()) / "grib-headers"
-    known, writable = set[str](), False
+    cached, writable = set[str](), False
     with contextlib.suppress(OSError):
         cache.mkdir(parents=True, exist_ok=True)
-        known, writable = set(os.listdir(cache)), os.access(cache, os.W_OK)
+        cached, writable = set(os.listdir(cache)), os.access(cache, os.W_OK)
     if not writable:
         text = f"cache folder {cache} cannot be written: GRIB headers are read again"
         warnings.warn(text, stacklevel=2)
     for file in files:
         key = "\0".join([*map(str, file), code_digest()]).encode()
         entry, contents = cache / hashlib.blake2b(key, digest_size=16).hexdigest(), None
-        if entry.name in known:
+        if entry.name in cached:
             with contextlib.suppress(OSError, zlib.error, ValueError, TypeError):
                 fields, grids, skipped, *counts = json.loads(zlib.decompress(entry.read_bytes()))
                 contents = FileContents(
-                    [Field(*one) for one in fields],
+                    [Field(*row) for row in fields],
                     [(edition, bytes.fromhex(section)) for edition, section in grids],
-                    Counter({(what, why): count for what, why, count in skipped}),
+                    Counter({(kind, why): count for kind, why, count in skipped}),
                     *counts,
                 )
         if contents is None:
@@ -595,10 +595,10 @@ def contents_of(
                 continue
             grids = [(edition, section.hex()) for edition, section in contents.grids]
             skipped = [(*reason, count) for reason, count in contents.skipped.items()]
-            plain = contents.fields, grids, skipped, contents.messages, contents.parts
+            content = contents.fields, grids, skipped, contents.messages, contents.parts
             if writable:
                 with contextlib.suppress(OSError):
-                    entry.write_bytes(zlib.compress(json.dumps(plain).encode(), 1))
+                    entry.write_bytes(zlib.compress(json.dumps(content).encode(), 1))
         yield contents
 
 

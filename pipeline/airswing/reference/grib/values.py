@@ -59,7 +59,7 @@ class GribReader(Reader):
         return [self._values(model, wanted) for model, wanted in zip(models, asked, strict=True)]
 
     def _values(self, model: ModelTime, wanted: Request) -> list[Floats]:
-        found: list[Floats] = [np.full(points.shape, np.nan) for _, points in wanted]
+        arrays: list[Floats] = [np.full(points.shape, np.nan) for _, points in wanted]
         results: dict[int, Floats | str] = {}  # by number of a field: values or a reason
         jobs: dict[int, Job] = {}
         for number, (row, points) in enumerate(wanted):
@@ -85,21 +85,21 @@ class GribReader(Reader):
                 problem = values
             else:
                 self.decoded += 1
-                one, probed = values[: points.size], values[points.size :]
+                at_points, probed = values[: points.size], values[points.size :]
                 problem = ""
                 if probed.size:  # otherwise its header allows only possible values
                     low, high = limits(int(row["kind"]))
                     problem = _impossible(int(row["kind"]), probed)
                     with np.errstate(invalid="ignore"):
-                        beyond = (one < low) | (one > high)
-                    one = np.where(beyond | bool(problem), np.nan, one)
+                        beyond = (at_points < low) | (at_points > high)
+                    at_points = np.where(beyond | bool(problem), np.nan, at_points)
                     if not problem and beyond.any():
                         problem = "impossible values left out"
-                found[number] = one.reshape(points.shape)
+                arrays[number] = at_points.reshape(points.shape)
             if problem:
                 at = f"message at {int(row['offset'])}: {problem}"
                 self.problems[model.files[int(row["file"])].path, at] = None
-        return found
+        return arrays
 
 
 def _impossible(kind: int, values: Floats) -> str:
@@ -110,8 +110,8 @@ def _impossible(kind: int, values: Floats) -> str:
         return ""
     worst = float(values[np.argmax(np.abs(values))])
     if not low <= worst <= high:
-        what = f"pressure of {worst:.4g} Pa" if kind == PRESSURE else f"{worst:.4g} m/s"
-        return f"refused: impossible values ({what})"
+        text = f"pressure of {worst:.4g} Pa" if kind == PRESSURE else f"{worst:.4g} m/s"
+        return f"refused: impossible values ({text})"
     if kind != PRESSURE and float(values.std()) > MAX_SPREAD:
         return f"refused: winds with a standard deviation of {values.std():.3g} m/s"
     return ""
@@ -125,7 +125,7 @@ def field_message(descriptor: int, row: np.void) -> bytes:
     if row["edition"] == 1:
         return message
     try:
-        return [single for single, _ in single_fields(message, 2)][int(row["part"])]
+        return [single for single, _ in single_fields(message, 2)][int(row["subindex"])]
     except (GarbageError, LookupError) as error:
         raise UnreadableMessageError(_CHANGED) from error
 
@@ -143,7 +143,7 @@ def decode_guarded(jobs: Sequence[Job]) -> list[Floats | str]:
 def _decoded(jobs: list[Job]) -> list[Floats | str]:
     import eccodes
 
-    found: list[Floats | str] = []
+    results: list[Floats | str] = []
     for message, size, points in jobs:
         try:
             handle = eccodes.codes_new_from_message(message)
@@ -152,18 +152,18 @@ def _decoded(jobs: list[Job]) -> list[Floats | str]:
                     eccodes.codes_set(handle, "missingValue", _ABSENT)
                 count = eccodes.codes_get_size(handle, "values")
                 if count != size:
-                    found.append(f"{count} values on a grid of {size} points")
+                    results.append(f"{count} values on a grid of {size} points")
                     continue
                 values = np.asarray(eccodes.codes_get_values(handle), dtype=np.float64)
             finally:
                 eccodes.codes_release(handle)
         except (eccodes.CodesInternalError, MemoryError, ValueError) as error:
-            found.append(f"not decodable: {error}")
+            results.append(f"not decodable: {error}")
             continue
         values = values if points is None else values[points]
         values[values == _ABSENT] = np.nan
-        found.append(values)
-    return found
+        results.append(values)
+    return results
 
 
 def read_keys(message: bytes, names: Sequence[str]) -> dict[str, KeyValue]:
@@ -177,7 +177,7 @@ def read_keys(message: bytes, names: Sequence[str]) -> dict[str, KeyValue]:
 def _keys_of(message: bytes, names: list[str]) -> dict[str, KeyValue]:
     import eccodes
 
-    found: dict[str, KeyValue] = {}
+    values: dict[str, KeyValue] = {}
     try:
         handle = eccodes.codes_new_from_message(message)
     except eccodes.CodesInternalError as error:
@@ -185,10 +185,10 @@ def _keys_of(message: bytes, names: list[str]) -> dict[str, KeyValue]:
     try:
         for name in names:
             with contextlib.suppress(eccodes.CodesInternalError):
-                found[name] = eccodes.codes_get(handle, name)
+                values[name] = eccodes.codes_get(handle, name)
     finally:
         eccodes.codes_release(handle)
-    return found
+    return values
 
 
 def _probes(row: np.void, size: int) -> Ints:
@@ -273,7 +273,7 @@ def _rank(bitmap: bytes, points: Ints) -> tuple[NDArray[np.bool_], Ints]:
     """Whether points are present, and the number of present points before each."""
     n_bytes, before = _counts(bitmap)
     place, bit = points >> 3, (points & 7).astype(np.uint8)
-    chosen = n_bytes[place]
-    present = (chosen >> (np.uint8(7) - bit)) & np.uint8(1)
-    earlier = chosen & ~(np.uint8(0xFF) >> bit)  # bits of the byte before this one
+    selected = n_bytes[place]
+    present = (selected >> (np.uint8(7) - bit)) & np.uint8(1)
+    earlier = selected & ~(np.uint8(0xFF) >> bit)  # bits of the byte before this one
     return present.astype(bool), before[place] + np.bitwise_count(earlier)

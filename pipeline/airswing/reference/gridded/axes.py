@@ -88,26 +88,26 @@ def axes_of(ds: xr.Dataset, name: str, naming: Naming) -> Axes:
         alone[name] = alone[name].assign_attrs(grid_mapping=written)
     with quiet():
         parsed = alone.metpy.parse_cf()[name]
-        found = {
+        recognised = {
             axis: getattr(parsed.metpy, axis, None)
             for axis in ("vertical", "time", "y", "x", "latitude", "longitude")
         }
-    y, x = _horizontal(ds, parsed, found, naming)
+    y, x = _horizontal(ds, parsed, recognised, naming)
     # levels before members, because only levels may lack any attribute
-    left = [str(d) for d in parsed.dims if d not in (*y.dims, *x.dims)]
-    vertical = _vertical(ds, parsed, found, left, naming)
+    outer = [str(d) for d in parsed.dims if d not in (*y.dims, *x.dims)]
+    vertical = _vertical(ds, parsed, recognised, outer, naming)
     levels = [str(d) for d in vertical.dims] if vertical is not None else []
-    left = [d for d in left if d not in levels]
+    outer = [d for d in outer if d not in levels]
     crs = getattr(parsed.coords.get("metpy_crs"), "item", lambda: None)()
-    either = _EITHER if _EITHER in left else ""
+    either = _EITHER if _EITHER in outer else ""
     return Axes(
         y,
         x,
         vertical,
         str(y.dims[0]),
         str(x.dims[-1]),
-        (*(d for d in left if d != either), *levels),
-        next((d for d in left if _is_member(ds, d)), ""),
+        (*(d for d in outer if d != either), *levels),
+        next((d for d in outer if _is_member(ds, d)), ""),
         either,
         # MetPy assumes a longitude and latitude mapping if a file has none
         dict(crs.to_dict()) if crs is not None and mapped else None,
@@ -123,14 +123,14 @@ def coordinate(ds: xr.Dataset, name: str, key: str) -> xr.DataArray:
 
 
 def _horizontal(
-    ds: xr.Dataset, parsed: xr.DataArray, found: dict[str, xr.DataArray | None], naming: Naming
+    ds: xr.Dataset, parsed: xr.DataArray, recognised: dict[str, xr.DataArray | None], naming: Naming
 ) -> tuple[xr.DataArray, xr.DataArray]:
     asked = {"y": naming.y or naming.latitude, "x": naming.x or naming.longitude}
     named = {key: coordinate(ds, name, key) for key, name in asked.items() if name}
-    y, x = (named.get(key, found[key]) for key in ("y", "x"))
+    y, x = (named.get(key, recognised[key]) for key in ("y", "x"))
     # by axis first: a projected grid has y and x in addition to latitudes and longitudes of points
     if y is None or x is None or y.ndim != 1 or x.ndim != 1:
-        y, x = named.get("y", found["latitude"]), named.get("x", found["longitude"])
+        y, x = named.get("y", recognised["latitude"]), named.get("x", recognised["longitude"])
     cells = next((str(d) for d in parsed.dims if _CELLS.match(str(d))), "")
     if cells or (y is not None and x is not None and y.ndim == 1 and y.dims == x.dims):
         raise InputError(
@@ -150,22 +150,22 @@ def _horizontal(
             "are several candidates, name one",
         )
     if y.ndim > 2 and y.ndim == x.ndim:  # coordinates of a moving grid
-        y, x = (one.isel({d: 0 for d in one.dims[:-2]}) for one in (y, x))
+        y, x = (axis.isel({d: 0 for d in axis.dims[:-2]}) for axis in (y, x))
     return y, x
 
 
 def _vertical(
     ds: xr.Dataset,
     parsed: xr.DataArray,
-    found: dict[str, xr.DataArray | None],
-    left: list[str],
+    recognised: dict[str, xr.DataArray | None],
+    outer: list[str],
     naming: Naming,
 ) -> xr.DataArray | None:
-    vertical, time = found["vertical"], found["time"]
+    vertical, time = recognised["vertical"], recognised["time"]
     if naming.level:
         named = coordinate(ds, naming.level, "level")
-        return named if named.ndim == 1 and named.dims[0] in left else None
-    if vertical is not None and vertical.ndim == 1 and vertical.dims[0] in left:
+        return named if named.ndim == 1 and named.dims[0] in outer else None
+    if vertical is not None and vertical.ndim == 1 and vertical.dims[0] in outer:
         return vertical
 
     def is_explained(d: str) -> bool:
@@ -174,7 +174,7 @@ def _vertical(
         of_time |= ds[d].attrs.get("standard_name") in _STANDARD or _stamps(ds[d]) is not None
         return of_time or d == _EITHER or _is_member(ds, d) or parsed.sizes[d] == 1
 
-    unexplained = [d for d in left if not is_explained(d)]
+    unexplained = [d for d in outer if not is_explained(d)]
     levels = [d for d in unexplained if _LEVEL.match(d)]
     if len(levels) == 1:
         unexplained = levels
@@ -196,15 +196,15 @@ def _is_member(ds: xr.Dataset, dim: str) -> bool:
 def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
     """The grid of a variable, by its projection, its coordinates or its points."""
     with contextlib.suppress(KeyError, UnplaceableGridError):  # from its grid section
-        known, shape = read_grid(*ds.encoding[GRID]), (ds.sizes[axes.y_dim], ds.sizes[axes.x_dim])
-        in_rows = not known.by_column and not known.alternate and (known.nj, known.ni) == shape
-        if in_rows and known.frame.kind != "longitude_latitude":
-            return known
+        grid, shape = read_grid(*ds.encoding[GRID]), (ds.sizes[axes.y_dim], ds.sizes[axes.x_dim])
+        in_rows = not grid.by_column and not grid.alternate and (grid.nj, grid.ni) == shape
+        if in_rows and grid.frame.kind != "longitude_latitude":
+            return grid
     units = [naming.units.get(str(c.name), c.attrs.get("units")) for c in (axes.y, axes.x)]
     if axes.y.ndim == 2:
         lat, lon = (
-            np.asarray(one.values, dtype=np.float64) * _degrees(unit)
-            for one, unit in zip((axes.y, axes.x), units, strict=True)
+            np.asarray(axis.values, dtype=np.float64) * _degrees(unit)
+            for axis, unit in zip((axes.y, axes.x), units, strict=True)
         )
         mapping = naming.projection or axes.crs or _grib_projection(ds[name])
         frame = None if mapping is None else frame_of(mapping, field="projection")
@@ -218,8 +218,8 @@ def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
             )
         return laid or grid_of_points(lat, lon)
     if min(axes.y.size, axes.x.size) < 2:
-        found = f"{axes.y.size} x {axes.x.size}"
-        raise InputError("a grid of a single row or column", field=name, found=found)
+        text = f"{axes.y.size} x {axes.x.size}"
+        raise InputError("a grid of a single row or column", field=name, found=text)
     frame = LONGITUDE_LATITUDE
     if naming.projection is not None:
         frame = frame_of(naming.projection, field="projection")
@@ -234,7 +234,7 @@ def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
             found=f"{axes.y.name}, {axes.x.name} of {name}",
             remedy=PROJECTION_REMEDY,
         )
-    y, x = (_monotonic(*one, frame) for one in zip((axes.y, axes.x), units, strict=True))
+    y, x = (_monotonic(*pair, frame) for pair in zip((axes.y, axes.x), units, strict=True))
     return AxesGrid(frame, x, y)
 
 
@@ -245,36 +245,36 @@ def _degrees(unit: object) -> float:
 
 def _is_projected(axes: Axes, units: Sequence[object]) -> bool:
     """Coordinates that are lengths, or a rotated frame's, without a grid mapping."""
-    return any(factor_of(one, "length") is not None for one in units) or any(
-        re.search("projection|grid_", str(one.attrs.get("standard_name", "")))
-        or str(one.name).lower().startswith(("projection_", "rlat", "rlon"))
-        for one in (axes.y, axes.x)
+    return any(factor_of(unit, "length") is not None for unit in units) or any(
+        re.search("projection|grid_", str(axis.attrs.get("standard_name", "")))
+        or str(axis.name).lower().startswith(("projection_", "rlat", "rlon"))
+        for axis in (axes.y, axes.x)
     )
 
 
 def _points(ds: xr.Dataset, axes: Axes) -> dict[str, NDArray[np.float64]]:
     """Latitudes and longitudes of all points; empty without both."""
-    found: dict[str, NDArray[np.float64]] = {}
-    for key, one in ds.variables.items():
-        if one.dims != (axes.y_dim, axes.x_dim):
+    places: dict[str, NDArray[np.float64]] = {}
+    for key, variable in ds.variables.items():
+        if variable.dims != (axes.y_dim, axes.x_dim):
             continue
-        units = str(one.attrs.get("units", "")).lower().replace("degrees", "degree")
-        names = (one.attrs.get("standard_name"), str(key).lower())
+        units = str(variable.attrs.get("units", "")).lower().replace("degrees", "degree")
+        names = (variable.attrs.get("standard_name"), str(key).lower())
         for place, letter in (("latitude", "n"), ("longitude", "e")):
             if place in names or units.replace(" ", "_")[:8] == f"degree_{letter}":
-                found[place] = np.asarray(one.values, dtype=np.float64)
-    return found if len(found) == 2 else {}
+                places[place] = np.asarray(variable.values, dtype=np.float64)
+    return places if len(places) == 2 else {}
 
 
-def _monotonic(one: xr.DataArray, unit: object, frame: Frame) -> NDArray[np.float64]:
+def _monotonic(axis: xr.DataArray, unit: object, frame: Frame) -> NDArray[np.float64]:
     """Values of an axis in degrees, or metres of a projection."""
     meridional = frame.meridional
-    scale = _degrees(unit) if meridional else required_factor(unit, "length", name=str(one.name))
-    values = np.asarray(one.values, dtype=np.float64) * scale
+    scale = _degrees(unit) if meridional else required_factor(unit, "length", name=str(axis.name))
+    values = np.asarray(axis.values, dtype=np.float64) * scale
     steps = np.diff(np.unwrap(values, period=360.0) if meridional else values)
     if not ((steps > 0).all() or (steps < 0).all()):
         remedy = "Sort the Dataset by it"
-        raise InputError("a coordinate that is not monotonic", field=str(one.name), remedy=remedy)
+        raise InputError("a coordinate that is not monotonic", field=str(axis.name), remedy=remedy)
     return values
 
 
@@ -308,21 +308,21 @@ def times_of(ds: xr.Dataset, name: str, outer: dict[str, int], naming: Naming) -
     Fields are in the order of `outer`, its dimensions other than level, y and x with their sizes,
     the last varying first.
     """
-    near = {str(key): one for key, one in ds[name].coords.items()}
+    near = {str(key): coord for key, coord in ds[name].coords.items()}
     for key, variable in ds.variables.items():
         if variable.attrs.get("standard_name") in _STANDARD or _TIME.match(str(key)):
             near.setdefault(str(key), ds[key])
-    near = {key: one for key, one in near.items() if set(map(str, one.dims)) <= set(outer)}
-    stamps = {key: times for key, one in near.items() if (times := _stamps(one)) is not None}
-    leads = [one for key, one in near.items() if key not in stamps and _is_lead(key, one)]
+    near = {key: coord for key, coord in near.items() if set(map(str, coord.dims)) <= set(outer)}
+    stamps = {key: times for key, coord in near.items() if (times := _stamps(coord)) is not None}
+    leads = [coord for key, coord in near.items() if key not in stamps and _is_lead(key, coord)]
     valid, run, lead = _roles([near[key] for key in stamps], leads, naming, name)
     if valid is None and run is None:
         remedy = "Each field needs a valid time; name its coordinate as time: NAME"
         seen = "coordinates " + (", ".join(map(str, ds[name].coords)) or "none")
         raise InputError("no time axis", field=name, found=seen, remedy=remedy)
     begun, at = (
-        None if one is None else spread(stamps[str(one.name)], one.dims, outer)
-        for one in (run, valid)
+        None if coord is None else spread(stamps[str(coord.name)], coord.dims, outer)
+        for coord in (run, valid)
     )
     after = None if lead is None else spread(_seconds(lead, naming), lead.dims, outer)
     if at is None:
@@ -333,36 +333,36 @@ def times_of(ds: xr.Dataset, name: str, outer: dict[str, int], naming: Naming) -
     return at, np.where(at == MISSING, 0, after)
 
 
-def _stamps(one: xr.DataArray) -> Ints | None:
+def _stamps(coord: xr.DataArray) -> Ints | None:
     """Times of a coordinate, ns since 1970; None if it holds no times."""
-    values = np.asarray(one.values)
+    values = np.asarray(coord.values)
     if values.dtype.kind == "M":
         return values.astype("datetime64[ns]").astype(np.int64)
-    if str(one.attrs.get("units", "")).startswith("day as %Y%m%d"):
-        known = np.nan_to_num(values.ravel().astype(np.float64))
-        days = pd.to_datetime(known.astype(int).astype(str), format="%Y%m%d", errors="coerce")
-        return _nanoseconds(days + pd.to_timedelta(np.rint(known % 1 * 86400), unit="s"), values)
+    if str(coord.attrs.get("units", "")).startswith("day as %Y%m%d"):
+        digits = np.nan_to_num(values.ravel().astype(np.float64))
+        days = pd.to_datetime(digits.astype(int).astype(str), format="%Y%m%d", errors="coerce")
+        return _nanoseconds(days + pd.to_timedelta(np.rint(digits % 1 * 86400), unit="s"), values)
     if values.dtype.kind == "O" and values.size and hasattr(values.ravel()[0], "calendar"):
         if values.ravel()[0].calendar == "360_day":
-            what, remedy = "times of a calendar of 360 days", "Use winds of real dates"
-            raise InputError(what, field=str(one.name), remedy=remedy)
+            text, remedy = "times of a calendar of 360 days", "Use winds of real dates"
+            raise InputError(text, field=str(coord.name), remedy=remedy)
         dates = [np.datetime64(date.isoformat(), "ns") for date in values.ravel()]
         return np.array(dates).reshape(values.shape).astype(np.int64)
-    return _written(one, values) if _TIME.match(str(one.name)) and values.size else None
+    return _written(coord, values) if _TIME.match(str(coord.name)) and values.size else None
 
 
 def _nanoseconds(times: pd.DatetimeIndex, values: NDArray[np.generic]) -> Ints:
     return times.to_numpy().astype("datetime64[ns]").astype(np.int64).reshape(values.shape)
 
 
-def _written(one: xr.DataArray, values: NDArray[np.generic]) -> Ints | None:
+def _written(coord: xr.DataArray, values: NDArray[np.generic]) -> Ints | None:
     """Times written as text, as digits (yyyymmdd, yyyymmddHH ...) or as Julian dates, else None."""
     if values.dtype.kind not in "iufSUO":
         return None
     if values.dtype.kind in "iuf":
         numbers = values.astype(np.float64)
-        units = f"{one.attrs.get('units', '')} {one.attrs.get('long_name', '')}".lower()
-        lead = factor_of(one.attrs.get("units"), "time") is not None and "jul" not in units
+        units = f"{coord.attrs.get('units', '')} {coord.attrs.get('long_name', '')}".lower()
+        lead = factor_of(coord.attrs.get("units"), "time") is not None and "jul" not in units
         if lead or not np.isfinite(numbers).all():
             return None
         if _JULIAN[0] <= numbers.min() and numbers.max() <= _JULIAN[1]:
@@ -381,12 +381,12 @@ def _written(one: xr.DataArray, values: NDArray[np.generic]) -> Ints | None:
     return _nanoseconds(times, values)
 
 
-def _is_lead(key: str, one: xr.DataArray) -> bool:
-    if one.attrs.get("standard_name") == "forecast_period" or one.dtype.kind == "m":
+def _is_lead(key: str, coord: xr.DataArray) -> bool:
+    if coord.attrs.get("standard_name") == "forecast_period" or coord.dtype.kind == "m":
         return True
-    units = one.attrs.get("units")
-    known = factor_of(units, "time") is not None or (not units and one.dtype.kind in "iuf")
-    return bool(_LEAD.match(key)) and known
+    units = coord.attrs.get("units")
+    has_unit = factor_of(units, "time") is not None or (not units and coord.dtype.kind in "iuf")
+    return bool(_LEAD.match(key)) and has_unit
 
 
 def _roles(
@@ -394,49 +394,49 @@ def _roles(
 ) -> tuple[xr.DataArray | None, xr.DataArray | None, xr.DataArray | None]:
     """Coordinates of the valid time, the base time and the lead."""
     # a lead that varies takes precedence over one that is the same for all
-    lead = max(leads, key=lambda one: one.ndim > 0, default=None)
+    lead = max(leads, key=lambda coord: coord.ndim > 0, default=None)
     runs, valids = list[xr.DataArray](), list[xr.DataArray]()
-    by_name = {str(one.name): one for one in stamps}
-    for key, one in by_name.items():
-        named = one.attrs.get("standard_name")
+    by_name = {str(coord.name): coord for coord in stamps}
+    for key, coord in by_name.items():
+        named = coord.attrs.get("standard_name")
         of_run = named == "forecast_reference_time" or (named != "time" and bool(_RUN.match(key)))
         if not of_run and key != "valid_time" and lead is not None:
-            same_for_all = bool(set(lead.dims) - set(one.dims))
+            same_for_all = bool(set(lead.dims) - set(coord.dims))
             of_run = same_for_all and (named != "time" or "valid_time" not in by_name)
-        (runs if of_run else valids).append(one)
+        (runs if of_run else valids).append(coord)
     if naming.time:
         if naming.time not in by_name:
             seen = "times " + (", ".join(by_name) or "none")
             raise InputError("no such time", field=f"time: {naming.time}", found=seen)
-        chosen = by_name[naming.time]
-        if lead is not None and set(lead.dims) - set(chosen.dims):
-            return None, chosen, lead
-        valids, runs = [chosen], [one for one in runs if one.name != naming.time]
-    valid = _one_of(valids, name)
-    return valid, max(runs, key=lambda one: one.ndim, default=None), lead
+        named_time = by_name[naming.time]
+        if lead is not None and set(lead.dims) - set(named_time.dims):
+            return None, named_time, lead
+        valids, runs = [named_time], [coord for coord in runs if coord.name != naming.time]
+    valid = _valid_time_of(valids, name)
+    return valid, max(runs, key=lambda coord: coord.ndim, default=None), lead
 
 
-def _one_of(found: list[xr.DataArray], name: str) -> xr.DataArray | None:
+def _valid_time_of(candidates: list[xr.DataArray], name: str) -> xr.DataArray | None:
     """The valid time among the candidates: the coordinate of a dimension, or the only one."""
-    most = max((one.ndim for one in found), default=0)
+    most = max((coord.ndim for coord in candidates), default=0)
     for test in (
-        lambda one: one.attrs.get("standard_name") == "time" or one.name == "valid_time",
-        lambda one: one.name in one.dims,
-        lambda one: one.ndim == most,
+        lambda coord: coord.attrs.get("standard_name") == "time" or coord.name == "valid_time",
+        lambda coord: coord.name in coord.dims,
+        lambda coord: coord.ndim == most,
     ):
-        found = [one for one in found if test(one)] or found
-    if len(found) > 1:
+        candidates = [coord for coord in candidates if test(coord)] or candidates
+    if len(candidates) > 1:
         remedy = "Name one in the configuration as time: NAME"
-        seen = ", ".join(str(one.name) for one in found)
+        seen = ", ".join(str(coord.name) for coord in candidates)
         raise InputError("two candidates for the valid time", field=name, found=seen, remedy=remedy)
-    return found[0] if found else None
+    return candidates[0] if candidates else None
 
 
-def _seconds(one: xr.DataArray, naming: Naming) -> Ints:
-    values = np.asarray(one.values)
+def _seconds(coord: xr.DataArray, naming: Naming) -> Ints:
+    values = np.asarray(coord.values)
     if values.dtype.kind == "m":
         return values.astype("timedelta64[s]").astype(np.int64)
-    units = naming.units.get(str(one.name), one.attrs.get("units"))
+    units = naming.units.get(str(coord.name), coord.attrs.get("units"))
     factor = factor_of(units, "time") or 3600.0
     return np.rint(np.asarray(values, dtype=np.float64) * factor).astype(np.int64)
 
@@ -444,5 +444,5 @@ def _seconds(one: xr.DataArray, naming: Naming) -> Ints:
 def spread(values: Ints, dims: Sequence[Hashable], outer: dict[str, int]) -> Ints:
     """Values of a coordinate for every field, in the order of `outer`."""
     fields = xr.DataArray(np.empty(tuple(outer.values()), dtype=np.int8), dims=tuple(outer))
-    found = xr.DataArray(values, dims=dims).broadcast_like(fields).transpose(*outer)
-    return np.asarray(found.values).ravel()
+    expanded = xr.DataArray(values, dims=dims).broadcast_like(fields).transpose(*outer)
+    return np.asarray(expanded.values).ravel()

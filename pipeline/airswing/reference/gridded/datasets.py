@@ -94,7 +94,7 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
     root = xr.open_dataset(local, decode_times=False, **options)
     if engine == "wrf" and not is_wrf(root):
         raise InputError("is not a file of WRF", file=path, remedy="Give engine: netcdf")
-    units = {key: str(one.attrs.get("units")) for key, one in root.variables.items()}
+    units = {key: str(variable.attrs.get("units")) for key, variable in root.variables.items()}
     julian = [key for key in units if re.match(r"days since -471[23]\b", units[key])]
     for key in julian:  # cftime and others count years before Christ in several ways
         root[key].attrs = {"units": "julian day"}
@@ -125,7 +125,7 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
 
 def _groups(group: Any) -> list[str]:
     """Paths of all groups below one."""
-    return [path for one in group.groups.values() for path in (str(one.path), *_groups(one))]
+    return [path for child in group.groups.values() for path in (str(child.path), *_groups(child))]
 
 
 @contextlib.contextmanager
@@ -148,30 +148,30 @@ def _cfgrib_datasets(file: SourceFile) -> list[xr.Dataset]:
     """Datasets of one variable each, with values that are read in a worker process."""
     path = local_path(file.path)
     try:
-        parts, skipped, odd = guarded(_described, str(path))
+        described, skipped, odd = guarded(_described, str(path))
     except WorkerEndedError as error:
         raise InputError("cannot be opened as cfgrib", file=file.path, found=error) from error
-    if not parts and odd:
+    if not described and odd:
         raise InputError(
             "winds not on a grid of rows and columns",
             file=file.path,
             found=", ".join(odd),
             remedy="Ask the archive for a regular grid, or interpolate to one (cdo remapbil)",
         )
-    if not parts and skipped:
-        why = "; ".join(f"{n:,} {what}: {why}" for (what, why), n in skipped.items())
+    if not described and skipped:
+        why = "; ".join(f"{n:,} {kind}: {why}" for (kind, why), n in skipped.items())
         raise InputError("cannot be opened as cfgrib", file=file.path, found=why)
-    found = []
-    for number, (part, name, dims, shape, attrs, section) in enumerate(parts):
-        how: Any = {"dtype": np.float64, "meta": np.empty((0,) * len(shape))}
-        how["chunks"] = (*((1,) * n for n in shape[:-2]), *((n,) for n in shape[-2:]))
-        values = da.map_blocks(_block, file.path, number, **how)  # type: ignore[no-untyped-call]
-        ds = part.assign({name: (dims, values, attrs)})
+    datasets = []
+    for number, (coordinates, name, dims, shape, attrs, section) in enumerate(described):
+        options: Any = {"dtype": np.float64, "meta": np.empty((0,) * len(shape))}
+        options["chunks"] = (*((1,) * n for n in shape[:-2]), *((n,) for n in shape[-2:]))
+        values = da.map_blocks(_block, file.path, number, **options)  # type: ignore[no-untyped-call]
+        ds = coordinates.assign({name: (dims, values, attrs)})
         ds.encoding[GRID] = section
-        found.append(ds)
-    if found:
-        found[0].encoding[SKIPPED] = skipped
-    return found
+        datasets.append(ds)
+    if datasets:
+        datasets[0].encoding[SKIPPED] = skipped
+    return datasets
 
 
 def _block(path: str, number: int, block_info: Any = None) -> NDArray[np.float64]:
@@ -190,8 +190,8 @@ def _described(path: str) -> tuple[list[tuple[Any, ...]], Counter[tuple[str, str
     datasets, skipped, odd = _variables(path, os.stat(path).st_mtime_ns)
     parts = []
     for ds, section in datasets:
-        ((name, one),) = ds.data_vars.items()
-        variable = str(name), tuple(map(str, one.dims)), one.shape, dict(one.attrs)
+        ((name, array),) = ds.data_vars.items()
+        variable = str(name), tuple(map(str, array.dims)), array.shape, dict(array.attrs)
         parts.append((ds.drop_vars(str(name)).load(), *variable, section))
     return parts, skipped, odd
 
@@ -199,8 +199,8 @@ def _described(path: str) -> tuple[list[tuple[Any, ...]], Counter[tuple[str, str
 def _field(path: str, number: int, outer: tuple[int, ...]) -> NDArray[np.float64]:
     """Values of one field; in a worker process."""
     ds, _ = _variables(path, os.stat(path).st_mtime_ns)[0][number]
-    one = next(iter(ds.data_vars.values()))
-    return np.asarray(one[outer].values, dtype=np.float64)
+    array = next(iter(ds.data_vars.values()))
+    return np.asarray(array[outer].values, dtype=np.float64)
 
 
 @lru_cache(maxsize=4)
@@ -217,8 +217,8 @@ def _variables(
     for window, start, edition, length in whole_messages(path, skipped):
         try:
             for single, sections in single_fields(window.get(start, length), edition):
-                one = Message(eccodes.codes_new_from_message(single))
-                grid, name, level, count = (one.get(key) for key in _KEYS)
+                message = Message(eccodes.codes_new_from_message(single))
+                grid, name, level, count = (message.get(key) for key in _KEYS)
                 if name not in _NEEDED.get(level, ()):
                     continue
                 if reason := grib_statistic(edition, sections):
@@ -229,11 +229,11 @@ def _variables(
                     raise ValueError
                 section = sections.get(2 if edition == 1 else 3, b"")
                 fields = kinds.setdefault((grid, name, level, edition, section), {})
-                fields[len(fields)] = one
+                fields[len(fields)] = message
         except (GarbageError, LookupError, ValueError, TypeError, eccodes.CodesInternalError):
             skipped["message", LENGTHS] += 1
     native = any(level in _NATIVE for _, _, level, _, _ in kinds)
-    found, odd = [], set[str]()
+    datasets, odd = [], set[str]()
     for (grid, name, _, edition, section), fields in kinds.items():
         if not native and name not in ("u", "v"):
             continue
@@ -252,8 +252,8 @@ def _variables(
             reason = f"cannot be opened: {type(error).__name__}: {' '.join(str(error).split())}"
             skipped["message", reason[:200]] += len(fields)
             continue
-        found.append((ds, (edition, section)))
-    return found, skipped, sorted(odd)
+        datasets.append((ds, (edition, section)))
+    return datasets, skipped, sorted(odd)
 
 
 class _Piece(NamedTuple):
@@ -269,9 +269,9 @@ class DatasetReader(Reader):
     Datasets given in Python have the path that their catalogue has.
     """
 
-    def __init__(self, given: Mapping[str, xr.Dataset]) -> None:
+    def __init__(self, datasets: Mapping[str, xr.Dataset]) -> None:
         super().__init__()
-        self.given = given
+        self.datasets = datasets
 
     def close(self) -> None:
         """Forget the Datasets."""
@@ -289,36 +289,36 @@ class DatasetReader(Reader):
             for row, points in wanted:
                 stored, file = model.stored[int(row["offset"])], model.files[int(row["file"])]
                 # one surface pressure serves every level
-                key = (file, *(int(row[c]) for c in ("part", "offset", "index")), id(points))
+                key = (file, *(int(row[c]) for c in ("subindex", "offset", "index")), id(points))
                 if key not in seen:
                     seen[key] = np.zeros(points.shape)
                     rows = np.divmod(points, model.grids[min(int(row["kind"]), PRESSURE)].ni)
                     at = stored.places(row["index"]) | dict(
                         zip((stored.y, stored.x), rows, strict=True)
                     )
-                    chunk = file, int(row["part"]), stored, int(stored.chunk_numbers(row["index"]))
-                    pieces[chunk].append(_Piece(at, seen[key]))
+                    chunk = int(stored.chunk_numbers(row["index"]))
+                    pieces[file, int(row["subindex"]), stored, chunk].append(_Piece(at, seen[key]))
                 mine.append((row, stored, seen[key]))
             answers.append(mine)
-        for (file, part, stored, _), together in pieces.items():
+        for (file, number, stored, _), together in pieces.items():
             if engine == GIVEN:
-                datasets = [self.given[file.path]]
+                datasets = [self.datasets[file.path]]
             else:
-                datasets = self.open(file, lambda one: opened(one, engine))
+                datasets = self.open(file, lambda source: opened(source, engine))
             if datasets is None:
                 for piece in together:
                     piece.target[...] = np.nan
                 continue
             for name in stored.names:
                 try:
-                    _add(datasets[part].variables[name], stored, together)
+                    _add(datasets[number].variables[name], stored, together)
                     self.decoded += 1
                 except Exception as error:  # backends raise many kinds
                     reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
                     self.problems[file.path, f"{name}: cannot be read: {reason}"] = None
                     for piece in together:
                         piece.target[...] = np.nan
-        return [[_in_si(*one) for one in mine] for mine in answers]
+        return [[_in_si(*entry) for entry in mine] for mine in answers]
 
 
 def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> None:
@@ -329,9 +329,9 @@ def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> No
         places = [piece.at[dim] for piece in pieces]
         low, high = min(int(np.min(p)) for p in places), max(int(np.max(p)) for p in places)
         box[dim] = slice(low, high + 1 + (dim == staggered))
-    part = variable[tuple(box[d] for d in stored.dims)]
-    lazy = part.chunks is not None
-    values = np.asarray(part.data.compute(scheduler="synchronous") if lazy else part.values)
+    block = variable[tuple(box[d] for d in stored.dims)]
+    lazy = block.chunks is not None
+    values = np.asarray(block.data.compute(scheduler="synchronous") if lazy else block.values)
 
     def taken(piece: _Piece, more: int) -> Floats:
         """Values at the points, or at the next ones along the staggered axis."""
@@ -341,16 +341,16 @@ def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> No
             return np.asarray(values[index], dtype=np.float64)
         # each time is in one of the alternatives: the first that is not missing counts
         alternatives = np.moveaxis(values, stored.dims.index(stored.either), 0)
-        first, *others = (np.asarray(one[index], dtype=np.float64) for one in alternatives)
-        for other in others:
-            first = np.where(np.isnan(first), other, first)
+        first, *rest = (np.asarray(field[index], dtype=np.float64) for field in alternatives)
+        for alternative in rest:
+            first = np.where(np.isnan(first), alternative, first)
         return first
 
     for piece in pieces:
-        found = taken(piece, 0)
+        result = taken(piece, 0)
         if staggered:  # points lie between: the mean of the two neighbours
-            found = 0.5 * found + 0.5 * taken(piece, 1)
-        piece.target[...] += found
+            result = 0.5 * result + 0.5 * taken(piece, 1)
+        piece.target[...] += result
 
 
 def _in_si(row: np.void, stored: StoredField, values: Floats) -> Floats:

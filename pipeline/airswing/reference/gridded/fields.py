@@ -93,14 +93,14 @@ class Gathering:
         self._notes: dict[str, None] = {}
         self._variables: set[str] = set()
         self._first = self._path = ""
-        self._file = self._part = 0
+        self._file = self._subindex = 0
 
     def add(self, number: int, parts: Sequence[xr.Dataset], path: str) -> None:
         """Add the rows of one file, or none of them if it is refused."""
         self._path, self._file, self._first = path, number, self._first or path
         rows, skipped = len(self._rows), len(self.skipped)
         try:
-            for self._part, ds in enumerate(parts):
+            for self._subindex, ds in enumerate(parts):
                 self._notes |= dict.fromkeys(ds.encoding.get(NOTES, ()))
                 self._variables |= {str(name) for name in (*ds.variables, *ds.dims)}
                 if is_wrf(ds) and not (self.naming.u or self.naming.v):
@@ -109,16 +109,15 @@ class Gathering:
                     self._add_dataset(ds)
         except (InputError, *_FAULTS) as error:
             del self._rows[rows:], self.skipped[skipped:]
-            one: Any = error
-            if not isinstance(error, InputError):
-                one = InputError(
-                    "cannot be understood",
-                    found=f"{type(error).__name__}: {' '.join(str(error).split())[:300]}",
-                    remedy="Its attributes or coordinates contradict each other; their meaning can "
-                    "be given under the reference",
-                )
-            details = {"field": one.field, "found": one.found, "remedy": one.remedy}
-            raise InputError(one.what, file=path, **details) from error
+            if isinstance(error, InputError):
+                raise error.located(file=path) from error
+            raise InputError(
+                "cannot be understood",
+                file=path,
+                found=f"{type(error).__name__}: {' '.join(str(error).split())[:300]}",
+                remedy="Its attributes or coordinates contradict each other; their meaning can "
+                "be given under the reference",
+            ) from error
 
     def table(self) -> Table:
         """All rows, with a pressure for each native level that has a formula."""
@@ -154,15 +153,15 @@ class Gathering:
         )
 
     def _is_along(self, number: int) -> bool:
-        known = {along for along in self._along.get(number, {}) if along is not None}
-        if len(known) > 1:
+        directions = {along for along in self._along.get(number, {}) if along is not None}
+        if len(directions) > 1:
             raise InputError(
                 "one component points along the grid, the other to true east or north",
                 file=self._first,
                 found="; ".join(self._along[number].values()),
                 remedy="Give winds: grid or winds: earth",
             )
-        return known.pop() if known else True  # models write components along their grids
+        return directions.pop() if directions else True  # models write components along their grids
 
     def notes(self, used: NDArray[np.int64]) -> list[str]:
         """Direction of the winds on each grid that is used, and the evidence."""
@@ -170,8 +169,9 @@ class Gathering:
         for grid, number in self._grids.items():
             if grid.north_up or number not in used:
                 continue
-            known = self._along.get(number, {})
-            why = ", ".join(dict.fromkeys(why for along, why in known.items() if along is not None))
+            evidence = self._along.get(number, {})
+            stated = (why for along, why in evidence.items() if along is not None)
+            why = ", ".join(dict.fromkeys(stated))
             way = "along the grid" if self._is_along(number) else "to true east and north"
             note = (
                 "direction of the winds not given: taken as along the grid, as models write "
@@ -180,44 +180,44 @@ class Gathering:
             notes[f"winds point {way} ({why})" if why else note] = None
         return list(notes)
 
-    def _skip(self, what: str, reason: str, count: int = 1) -> None:
-        self.skipped.append(skip(self._path, what, reason, count))
+    def _skip(self, kind: str, reason: str, count: int = 1) -> None:
+        self.skipped.append(skip(self._path, kind, reason, count))
 
     def _add_dataset(self, ds: xr.Dataset) -> None:
         """Wind fields of a CF Dataset, and the variables of their pressure."""
         naming = self.naming
-        for (what, reason), count in ds.encoding.get(SKIPPED, {}).items():
-            self._skip(what, reason, count)
-        chosen: dict[tuple[int, bool], Component] = {}
+        for (kind, reason), count in ds.encoding.get(SKIPPED, {}).items():
+            self._skip(kind, reason, count)
+        accepted: dict[tuple[int, bool], Component] = {}
         native: list[str] = []
-        for one in components(ds, naming):
-            variable = ds[one.name]
-            others = [(str(key), other.attrs) for key, other in variable.coords.items()]
-            others += [(str(dim), {}) for dim in variable.dims if dim not in variable.coords]
-            why = variable_statistic(one.name, variable.attrs, others, ds.attrs)
+        for component in components(ds, naming):
+            variable = ds[component.name]
+            coords = [(str(key), coord.attrs) for key, coord in variable.coords.items()]
+            coords += [(str(dim), {}) for dim in variable.dims if dim not in variable.coords]
+            why = variable_statistic(component.name, variable.attrs, coords, ds.attrs)
             if why:
-                self._skip("wind", f"{one.name} is not an atmospheric state ({why})")
+                self._skip("wind", f"{component.name} is not an atmospheric state ({why})")
                 continue
             try:
-                axes = axes_of(ds, one.name, naming)
-                levels = _levels_of(ds, one.name, axes.vertical, naming)
+                axes = axes_of(ds, component.name, naming)
+                levels = _levels_of(ds, component.name, axes.vertical, naming)
             except OtherLevelsError as reason:
-                self._skip("wind", f"{one.name} on {reason}")
+                self._skip("wind", f"{component.name} on {reason}")
                 continue
-            other = chosen.setdefault((one.number, levels.native), one)
-            if one.tier > other.tier:
+            previous = accepted.setdefault((component.number, levels.native), component)
+            if component.tier > previous.tier:
                 continue
-            if other is not one:
+            if previous is not component:
                 raise InputError(
-                    f"two candidates for {'uv'[one.number]}",
-                    found=f"{other.name}, {one.name}",
-                    remedy=f"Name one in the configuration as {'uv'[one.number]}: NAME",
+                    f"two candidates for {'uv'[component.number]}",
+                    found=f"{previous.name}, {component.name}",
+                    remedy=f"Name one in the configuration as {'uv'[component.number]}: NAME",
                 )
             if levels.note:
                 self._notes[levels.note] = None
-            self._add_variable(ds, one.name, one.number, axes, levels)
+            self._add_variable(ds, component.name, component.number, axes, levels)
             if levels.native:
-                native.append(one.name)
+                native.append(component.name)
                 surface = naming.surface_pressure or levels.surface
                 if surface and not np.isnan(levels.b).all():
                     coordinate(ds, surface, "surface_pressure")
@@ -267,7 +267,7 @@ class Gathering:
 
     def _add_wrf(self, ds: xr.Dataset) -> None:
         naming = self.naming
-        odd = [key for key in naming.given() if key not in ("winds", "time")]
+        odd = [key for key in naming.stated() if key not in ("winds", "time")]
         if odd:
             raise InputError(
                 "this key does not apply to files of WRF, which describe themselves",
@@ -283,10 +283,10 @@ class Gathering:
         for kind, names in kinds.items():
             if not names:
                 continue
-            one = ds[names[0]]
-            *outer, y, x = map(str, one.dims)
+            variable = ds[names[0]]
+            *outer, y, x = map(str, variable.dims)
             stored = _stored(
-                one,
+                variable,
                 names,
                 outer,
                 (y, x),
@@ -319,7 +319,7 @@ class Gathering:
         # of a surface given on levels the first
         step = math.prod(size for _, size in stored.outer) // max(table.size, 1)
         table["index"] = np.arange(table.size).reshape(table.shape) * step
-        table["file"], table["part"], table["kind"] = self._file, self._part, kind
+        table["file"], table["subindex"], table["kind"] = self._file, self._subindex, kind
         table["offset"] = self.stored.setdefault(stored, len(self.stored))
         table["level_kind"], table["b"] = HYBRID, 1.0
         if levels is not None:
@@ -332,28 +332,28 @@ class Gathering:
 
 
 def _stored(
-    one: xr.DataArray,
+    variable: xr.DataArray,
     names: tuple[str, ...],
     outer: Sequence[str],
     plane: tuple[str, str],
-    **how: Any,
+    **options: Any,
 ) -> StoredField:
     """How a variable is read: its dimensions, and the length of chunks along the outer ones."""
     # netCDF files have the first, Zarr the second; a field in one piece is read by levels
-    written = one.encoding.get("chunksizes") or one.encoding.get("preferred_chunks") or {}
-    if one.chunks is not None:
-        written = [max(sizes, default=1) for sizes in one.chunks]
+    written = variable.encoding.get("chunksizes") or variable.encoding.get("preferred_chunks") or {}
+    if variable.chunks is not None:
+        written = [max(sizes, default=1) for sizes in variable.chunks]
     if not isinstance(written, dict):
-        written = dict(zip(one.dims, written, strict=False))
+        written = dict(zip(variable.dims, written, strict=False))
     return StoredField(
         names=names,
-        dims=tuple(map(str, one.dims)),
-        outer=tuple((d, int(one.sizes[d])) for d in outer),
+        dims=tuple(map(str, variable.dims)),
+        outer=tuple((d, int(variable.sizes[d])) for d in outer),
         y=plane[0],
         x=plane[1],
-        shape=tuple(one.shape),
+        shape=tuple(variable.shape),
         chunks=tuple(int(written.get(d) or 1) for d in outer),
-        **how,
+        **options,
     )
 
 
@@ -373,24 +373,24 @@ def _with_formula_pressures(table: Table) -> Table:
     surface = surface[np.argsort(surface["offset"], kind="stable")]
     first = pd.DataFrame(surface[names]).assign(row=np.arange(surface.size)).drop_duplicates(names)
     row = pd.DataFrame(levels[names]).merge(first, "left", names)["row"]
-    levels, made = levels[row.notna()], surface[row.dropna().astype(int)]
+    levels, pressures = levels[row.notna()], surface[row.dropna().astype(int)]
     for column in ("level", "level_kind", "a", "b"):
-        made[column] = levels[column]
-    made["kind"] = PRESSURE
+        pressures[column] = levels[column]
+    pressures["kind"] = PRESSURE
     # levels that have a pressure field keep it
-    given, of_made = (
-        pd.MultiIndex.from_frame(pd.DataFrame(one[[*names, "level"]]))
-        for one in (rest[rest["kind"] == PRESSURE], made)
+    existing, keys = (
+        pd.MultiIndex.from_frame(pd.DataFrame(rows[[*names, "level"]]))
+        for rows in (rest[rest["kind"] == PRESSURE], pressures)
     )
-    return np.concatenate([rest, made[~of_made.isin(given)]])
+    return np.concatenate([rest, pressures[~keys.isin(existing)]])
 
 
 def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Naming) -> Levels:
     if level is None:  # a scalar coordinate
         single = {
             str(key)
-            for key, one in ds[name].coords.items()
-            if one.size == 1 and factor_of(one.attrs.get("units"), "pressure") is not None
+            for key, coord in ds[name].coords.items()
+            if coord.size == 1 and factor_of(coord.attrs.get("units"), "pressure") is not None
         }
         only = naming.level or min(single, default=None)
         if only is None:
@@ -429,10 +429,10 @@ def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Na
             raise OtherLevelsError(f"hybrid level {k.max()} of {last} in the pv section")
         return Levels(values, True, *((half[:, k - 1] + half[:, k]) / 2.0))
     pressure_given = any(
-        one.attrs.get("standard_name") == "air_pressure"
-        and one.dims == ds[name].dims
-        and factor_of(one.attrs.get("units"), "pressure")
-        for one in ds.variables.values()
+        variable.attrs.get("standard_name") == "air_pressure"
+        and variable.dims == ds[name].dims
+        and factor_of(variable.attrs.get("units"), "pressure")
+        for variable in ds.variables.values()
     )
     if native or naming.pressure or pressure_given:
         return Levels(np.arange(level.size, dtype=np.float64), True)
@@ -457,7 +457,7 @@ def _factor_by_values(key: str, values: Floats) -> float | None:
         return None
     low, high = float(values.min()), float(values.max())
     numbers = np.array_equal(np.sort(values), np.arange(low, low + values.size))
-    possible = (one for one in (100.0, 1.0) if 20_000.0 <= high * one <= 110_000.0)
+    possible = (factor for factor in (100.0, 1.0) if 20_000.0 <= high * factor <= 110_000.0)
     return next(possible, None) if low > 0.0 and not numbers else None
 
 

@@ -51,46 +51,48 @@ class Component(NamedTuple):
 
 def components(ds: xr.Dataset, naming: Naming) -> list[Component]:
     """Variables that are wind components, best known first."""
-    found = []
+    candidates = []
     for number, configured in enumerate((naming.u, naming.v)):
         if configured:
             if configured in ds.variables:
-                found.append(Component(configured, number, 0))
+                candidates.append(Component(configured, number, 0))
             continue
         for key in ds.data_vars:
             tier = _tier(str(key), ds[key], number)
             if tier is not None:
-                found.append(Component(str(key), number, tier))
-    return sorted(found, key=lambda one: one.tier)
+                candidates.append(Component(str(key), number, tier))
+    return sorted(candidates, key=lambda component: component.tier)
 
 
-def _tier(name: str, one: xr.DataArray, number: int) -> int | None:
-    standard = str(one.attrs.get("standard_name", "")).split(" ")[0]
+def _tier(name: str, variable: xr.DataArray, number: int) -> int | None:
+    standard = str(variable.attrs.get("standard_name", "")).split(" ")[0]
     if standard in EARTH[number] | ALONG[number]:
         return 1
     if standard and standard != "unknown":
         return None
-    if {one.attrs.get("GRIB_paramId"), one.attrs.get("GRIB_shortName")} & _PARAMETERS[number]:
+    if {variable.attrs.get(f"GRIB_{key}") for key in ("paramId", "shortName")} & _PARAMETERS[
+        number
+    ]:
         return 2
-    described = _LONG[number].search(str(one.attrs.get("long_name", "")))
-    if not (_NAMES[number].match(name) or described) or one.ndim < 2:
+    described = _LONG[number].search(str(variable.attrs.get("long_name", "")))
+    if not (_NAMES[number].match(name) or described) or variable.ndim < 2:
         return None
-    units = one.attrs.get("units")
+    units = variable.attrs.get("units")
     if units and factor_of(units, "wind") is None:
         return None
     return 3 if described else 4
 
 
-def along_grid(one: xr.DataArray, naming: Naming) -> tuple[bool | None, str]:
+def along_grid(variable: xr.DataArray, naming: Naming) -> tuple[bool | None, str]:
     """Whether a component points along the grid (None if unknown), and the evidence."""
     if naming.winds:
         return naming.winds == "grid", "the configuration"
-    flag = one.attrs.get("GRIB_uvRelativeToGrid")
+    flag = variable.attrs.get("GRIB_uvRelativeToGrid")
     if flag is not None:
         return bool(int(flag)), "the GRIB flag"
-    standard, along = str(one.attrs.get("standard_name", "")), ALONG[0] | ALONG[1]
+    standard, along = str(variable.attrs.get("standard_name", "")), ALONG[0] | ALONG[1]
     # the standard_name of a GRIB decoder gives the parameter, not the direction
-    decoded = any(str(key).startswith("GRIB_") for key in one.attrs)
+    decoded = any(str(key).startswith("GRIB_") for key in variable.attrs)
     if decoded or standard not in EARTH[0] | EARTH[1] | along:
         return None, ""
     return standard in along, f"standard_name {standard}"
@@ -124,8 +126,8 @@ def written_units(attrs: Mapping[object, object]) -> str | None:
     units = attrs.get("units")
     if units is not None:
         return str(units)
-    found = re.search(r"\[([^\[\]]+)\]\s*$", str(attrs.get("long_name", "")))
-    return found.group(1) if found else None
+    match = re.search(r"\[([^\[\]]+)\]\s*$", str(attrs.get("long_name", "")))
+    return match.group(1) if match else None
 
 
 def required_factor(text: object, kind: str, *, name: str) -> float:

@@ -62,13 +62,13 @@ def layout_of(ds: xr.Dataset) -> Layout:
     for key in ("P_PL", "PRES", "pressure", "p"):
         if key not in ds.variables or level not in ds[key].dims:
             continue
-        one = ds[key]
-        if one.ndim >= 3:
+        variable = ds[key]
+        if variable.ndim >= 3:
             first = 1 if winds[0] == "UU" else 0
             numbers = np.arange(size, dtype=np.float64)
-            scale = factor_of(one.attrs.get("units"), "pressure") or 1.0
+            scale = factor_of(variable.attrs.get("units"), "pressure") or 1.0
             return Layout(winds, (key,), first, numbers, scale)
-        values = np.asarray(one.isel({d: 0 for d in one.dims if d != level}), dtype=np.float64)
+        values = _floats(variable.isel({d: 0 for d in variable.dims if d != level}))
         scale = 100.0 if float(np.nanmax(values)) < 2000.0 else 1.0  # p_interp writes hPa or Pa
         return Layout(winds, (), 0, values * scale)
     missing = [name for name in ("P", "PB") if name not in ds.variables]
@@ -99,16 +99,16 @@ def times_of_wrf(ds: xr.Dataset, named: str | None) -> tuple[NDArray[np.int64], 
     return valid.astype(np.int64), np.where(np.isfinite(lead), lead, 0).astype(np.int64)
 
 
-def _from_xtime(one: xr.DataArray, begun: np.datetime64) -> list[np.datetime64]:
-    values = np.atleast_1d(one.values)
+def _from_xtime(variable: xr.DataArray, begun: np.datetime64) -> list[np.datetime64]:
+    values = np.atleast_1d(variable.values)
     if values.dtype.kind == "M":
         return list(values.astype("datetime64[ns]"))
-    text = f"{one.attrs.get('units', '')} {one.attrs.get('description', '')}"
-    found = re.search(r"(\w+) since (\d{4}-\d\d-\d\d)[ T_]?(\d\d:\d\d(?::\d\d)?)?", text, re.I)
-    unit = {"h": 3600.0, "d": 86400.0, "s": 1.0}.get(found[1][0].lower(), 60.0) if found else 60.0
-    start = _stamp(f"{found[2]}T{found[3] or '00:00'}") if found else begun
+    text = f"{variable.attrs.get('units', '')} {variable.attrs.get('description', '')}"
+    match = re.search(r"(\w+) since (\d{4}-\d\d-\d\d)[ T_]?(\d\d:\d\d(?::\d\d)?)?", text, re.I)
+    unit = {"h": 3600.0, "d": 86400.0, "s": 1.0}.get(match[1][0].lower(), 60.0) if match else 60.0
+    start = _stamp(f"{match[2]}T{match[3] or '00:00'}") if match else begun
     seconds = np.rint(np.asarray(values, dtype=np.float64) * unit)
-    return [start + np.timedelta64(int(one), "s") for one in seconds]
+    return [start + np.timedelta64(int(second), "s") for second in seconds]
 
 
 def _stamp(text: object) -> np.datetime64:
@@ -128,14 +128,16 @@ def grids_of_wrf(ds: xr.Dataset, count: int) -> list[Grid]:
     places = ds[[latitude, longitude, *angles]]
     if places[latitude].ndim == 2:
         return [_grid(places, places[latitude], places[longitude])] * count
-    known: dict[tuple[float, float], Grid] = {}  # by the first point
-    found: list[Grid] = []
+    by_corner: dict[tuple[float, float], Grid] = {}  # by the first point
+    grids: list[Grid] = []
     for number in range(count):
-        here = places.isel({places[latitude].dims[0]: number})
-        lat, lon = here[latitude], here[longitude]
+        at_time = places.isel({places[latitude].dims[0]: number})
+        lat, lon = at_time[latitude], at_time[longitude]
         corner = float(lat[0, 0]), float(lon[0, 0])
-        found.append(known.get(corner) or known.setdefault(corner, _grid(here, lat, lon)))
-    return found
+        if corner not in by_corner:
+            by_corner[corner] = _grid(at_time, lat, lon)
+        grids.append(by_corner[corner])
+    return grids
 
 
 def _grid(ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray) -> Grid:
@@ -146,5 +148,5 @@ def _grid(ds: xr.Dataset, lat: xr.DataArray, lon: xr.DataArray) -> Grid:
     return grid_of_points(_floats(lat), _floats(lon), turned)
 
 
-def _floats(one: xr.DataArray) -> Floats:
-    return np.asarray(one.values, dtype=np.float64)
+def _floats(array: xr.DataArray) -> Floats:
+    return np.asarray(array.values, dtype=np.float64)

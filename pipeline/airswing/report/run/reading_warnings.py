@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 if TYPE_CHECKING:
-    from airswing.reference.catalogue import LeftOut
+    from airswing.reference.catalogue import SkippedPart
     from airswing.reports.audit import AuditContent
 
 _GROUPS_SHOWN = 5
@@ -69,13 +69,13 @@ def reading_warnings(audit: AuditContent) -> list[str]:
     return lines
 
 
-def model_warnings(skipped: Sequence[LeftOut]) -> list[str]:
+def model_warnings(skipped: Sequence[SkippedPart]) -> list[str]:
     """Return the skipped content of model files, without messages that are not winds on levels."""
     # most files contain messages of other kinds ("wind"), so they cause no warning
     return model_reasons([entry for entry in skipped if entry["what"] != "wind"])
 
 
-def unread(problems: Iterable[tuple[object, str, str]]) -> list[LeftOut]:
+def unread(problems: Iterable[tuple[object, str, str]]) -> list[SkippedPart]:
     """Count (valid time, file, reason) of messages not decoded, the most frequent first.
 
     A reason begins with the position of its message, which is removed. At most 200 entries.
@@ -99,9 +99,9 @@ def reference_warnings(audits: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def model_reasons(skipped: Sequence[LeftOut]) -> list[str]:
+def model_reasons(skipped: Sequence[SkippedPart]) -> list[str]:
     """Return the skipped content of model files, one line for each reason, most files first."""
-    groups: dict[tuple[str, str], list[LeftOut]] = defaultdict(list)
+    groups: dict[tuple[str, str], list[SkippedPart]] = defaultdict(list)
     for entry in skipped:
         groups[entry["what"], entry["reason"]].append(entry)
     lines = []

@@ -49,11 +49,11 @@ class ReportFormat:
 def formats() -> dict[str, ReportFormat]:
     """Every format by name, in the order in which they are tried."""
     modules = [
-        importlib.import_module(f"{__name__}.{found.name}")
-        for found in pkgutil.iter_modules(__path__)
+        importlib.import_module(f"{__name__}.{module.name}")
+        for module in pkgutil.iter_modules(__path__)
     ]
-    every: list[ReportFormat] = [one for module in modules for one in module.FORMATS]
-    return {one.name: one for one in sorted(every, key=lambda one: (one.priority, one.name))}
+    every: list[ReportFormat] = [f for module in modules for f in module.FORMATS]
+    return {f.name: f for f in sorted(every, key=lambda f: (f.priority, f.name))}
 
 
 @contextmanager
@@ -67,9 +67,9 @@ def damage_named(path: Path, title: str) -> Iterator[None]:
         remedy = "Save it as UTF-8, or remove it"
         raise InputError("is not UTF-8 text", file=path, remedy=remedy) from error
     except Exception as error:
-        plain = isinstance(error, OSError | ValueError | EOFError | zlib.error)
-        what = str(error) if plain else f"{type(error).__name__}: {error}"
-        raise InputError(f"cannot be read as {title}: {what}", file=path) from error
+        self_explanatory = isinstance(error, OSError | ValueError | EOFError | zlib.error)
+        problem = str(error) if self_explanatory else f"{type(error).__name__}: {error}"
+        raise InputError(f"cannot be read as {title}: {problem}", file=path) from error
 
 
 def is_text(start: bytes) -> bool:

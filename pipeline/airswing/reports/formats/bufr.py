@@ -104,7 +104,7 @@ def _decoded(messages: list[bytes], audit: Audit) -> list[Record]:
     except (WorkerEndedError, ValueError):
         if len(messages) > 1:
             # One by one, not by bisection: each failure requires a new process.
-            return [record for one in messages for record in _decoded([one], audit)]
+            return [record for message in messages for record in _decoded([message], audit)]
         records, failed = [], 1
     audit.drop("undecodable_message", failed, unread=True)
     return records
@@ -129,12 +129,12 @@ def decode_messages(messages: list[bytes]) -> tuple[list[Record], int]:
                     eccodes.codes_set(message, "localTablesVersionNumber", 0)
                 eccodes.codes_set(message, "skipExtraKeyAttributes", 1)
                 eccodes.codes_set(message, "unpack", 1)
-                found = [record for subset in _subsets(message) for record in _levels(subset)]
+                decoded = [record for subset in _subsets(message) for record in _levels(subset)]
             except Exception:  # ecCodes raises many kinds
                 continue
             finally:
                 eccodes.codes_release(message)
-            records += found
+            records += decoded
             break
         else:
             failed += 1
@@ -159,14 +159,14 @@ def _subsets(message: int) -> Iterator[list[tuple[str, Value]]]:
             if key in KEYS:
                 get = eccodes.codes_get_array if compressed else eccodes.codes_get
                 values = get(message, name)
-                entries.append((key, [_known(v) for v in (values if compressed else [values])]))
+                entries.append((key, [_value(v) for v in (values if compressed else [values])]))
     finally:
         eccodes.codes_bufr_keys_iterator_delete(iterator)
     for subset in range(number if compressed else 1):
         yield [(key, values[subset if len(values) > 1 else 0]) for key, values in entries]
 
 
-def _known(value: object) -> Value:
+def _value(value: object) -> Value:
     """A value of ecCodes, None where it is missing."""
     if isinstance(value, str | bytes):
         text = value if isinstance(value, str) else value.decode("ascii", "replace")
@@ -202,7 +202,12 @@ def _raw(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
         counts = column[name].value_counts(dropna=False)
         audit.codes(name, {"missing" if c != c else f"{c:g}": int(n) for c, n in counts.items()})
     parts = column[[*_TIME]].fillna({"second": 0.0})
-    text = table[list(_TAILS)].astype("string").apply(lambda one: one.str.strip()).replace("", None)
+    text = (
+        table[list(_TAILS)]
+        .astype("string")
+        .apply(lambda column: column.str.strip())
+        .replace("", None)
+    )
     unsteady = pd.Series(False, table.index)
     phase = pd.Series(np.nan, table.index)
     for name, codes in _PHASES.items():  # the detailed table comes last and overrides

@@ -103,8 +103,8 @@ def _numbers(variable: Variable, largest: float, above: float = -np.inf) -> NDAr
     numbers = np.asarray(variable[:]).reshape(-1).astype(np.float64)
     fill = float(getattr(variable, "_FillValue", np.nan))
     # Without NaN, for which both comparisons are false.
-    known = (np.abs(numbers) < largest) & (numbers > above) & (numbers != fill)
-    return np.where(known, numbers, np.nan)
+    is_valid = (np.abs(numbers) < largest) & (numbers > above) & (numbers != fill)
+    return np.where(is_valid, numbers, np.nan)
 
 
 def _strings(variable: Variable) -> list[str]:
@@ -161,8 +161,8 @@ def _madis(file: netCDF4.Dataset, audit: Audit) -> pd.DataFrame:
         """The variable, after a check that it has one value a report."""
         dimensions, shape = there[name].dimensions, there[name].shape
         if dimensions[:1] != (_DIMENSION,) or math.prod(shape) != size:
-            found = f"dimensions ({', '.join(dimensions)}), shape {shape}"
-            raise InputError("is not one value a report", field=name, found=found)
+            dimensions_text = f"dimensions ({', '.join(dimensions)}), shape {shape}"
+            raise InputError("is not one value a report", field=name, found=dimensions_text)
         return there[name]
 
     def number(name: str) -> NDArray[np.float64]:
@@ -224,21 +224,21 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
             return next((every[key] for n in names if (key := f"{n}@{group}") in every), None)
 
         times = first("MetaData", ("dateTime", "datetime", "time"))
-        found = {
+        variables = {
             ours: variable
             for ours, names in _IODA_NUMBERS.items()
             if (variable := first("MetaData" if ours in _META else "ObsValue", names)) is not None
         }
-        absent = [name for name in ("latitude", "longitude") if name not in found]
+        absent = [name for name in ("latitude", "longitude") if name not in variables]
         absent += [] if times is not None else ["dateTime"]
-        absent += [] if found.keys() & {"pressure", "pressure_altitude"} else ["pressure"]
+        absent += [] if variables.keys() & {"pressure", "pressure_altitude"} else ["pressure"]
         if absent or times is None:
-            what = "is an IODA file without a variable that is needed in MetaData"
-            raise InputError(what, field=", ".join(absent), found=there)
-        if not found.keys() & {"eastward_wind", "air_temperature"}:
-            what = "is an IODA file without winds or temperatures in ObsValue"
-            raise InputError(what, found=there, remedy="Name a file of aircraft observations")
-        raw: dict[str, object] = {ours: _numbers(v, _LARGEST_IODA) for ours, v in found.items()}
+            problem = "is an IODA file without a variable that is needed in MetaData"
+            raise InputError(problem, field=", ".join(absent), found=there)
+        if not variables.keys() & {"eastward_wind", "air_temperature"}:
+            problem = "is an IODA file without winds or temperatures in ObsValue"
+            raise InputError(problem, found=there, remedy="Name a file of aircraft observations")
+        raw: dict[str, object] = {ours: _numbers(v, _LARGEST_IODA) for ours, v in variables.items()}
         if times.dtype is str or np.dtype(times.dtype).kind in "SU":
             raw["time"], raw["time_blank"] = parse_times(pd.Series(_strings(times), dtype=object))
         else:

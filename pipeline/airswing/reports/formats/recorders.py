@@ -85,8 +85,8 @@ def _read_log(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
     names = [name.strip() for name in next(csv.reader([lines[number].lstrip("# ")]))]
     columns = {}
     for key, pattern in (_TEXTS | {key: row[0] for key, row in _NUMBERS.items()}).items():
-        known = (name for name in names if re.fullmatch(rf"({pattern})(\s*\([^)]*\)\s*)?", name))
-        columns[key] = next(known, None)
+        matches = (name for name in names if re.fullmatch(rf"({pattern})(\s*\([^)]*\)\s*)?", name))
+        columns[key] = next(matches, None)
     absent = [key for key in _NEEDED if columns[key] is None]
     if columns["pressure_altitude"] is None and columns["indicated_altitude"] is None:
         absent.append("altitude")
@@ -130,8 +130,8 @@ def _of_deck(table: pd.DataFrame, tail: str, columns: dict[str, str | None]) -> 
     }
     number = {key: numbers(text[key], *scale) for key, (_, *scale) in _NUMBERS.items()}
     ahead = "" if (columns["clock"] or "").startswith("UTC") else text["ahead"]
-    given = (text["date"] != "") & (text["clock"] != "")
-    time, blank = parse_times((text["date"] + "T" + text["clock"] + ahead).where(given, ""))
+    has_time = (text["date"] != "") & (text["clock"] != "")
+    time, blank = parse_times((text["date"] + "T" + text["clock"] + ahead).where(has_time, ""))
     # Indicated to pressure altitude: the standard altitude of the setting, zero at 29.92.
     above = np.nan_to_num(altitude_from_pressure(number["setting"]))
     reported = number["pressure_altitude"]
@@ -141,7 +141,7 @@ def _of_deck(table: pd.DataFrame, tail: str, columns: dict[str, str | None]) -> 
         track += declination(
             number["latitude"], number["longitude"], altitude, seconds_since_1970(time)
         )
-    kept = ("latitude", "longitude", "air_temperature", "ground_speed", "reported_airspeed")
+    copied = ("latitude", "longitude", "air_temperature", "ground_speed", "reported_airspeed")
     return pd.DataFrame(
         {
             "tail": tail,
@@ -151,7 +151,7 @@ def _of_deck(table: pd.DataFrame, tail: str, columns: dict[str, str | None]) -> 
             "magnetic_heading": number["heading"] % 360.0,
             "track": track % 360.0,
             "roll_flag": roll_flags(number["roll"]),
-            **{name: number[name] for name in (*kept, "indicated_airspeed")},
+            **{name: number[name] for name in (*copied, "indicated_airspeed")},
         }
     )
 
@@ -194,17 +194,18 @@ def _read_trace(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
             remedy="Traces have icao, timestamp and trace",
         )
     # Older writers leave out the last entries; the track is the sixth and the last that is needed.
-    whole = [point for point in points if isinstance(point, list) and len(point) >= 6]
-    audit.drop("ragged_row", len(points) - len(whole), unread=True)
+    complete = [point for point in points if isinstance(point, list) and len(point) >= 6]
+    audit.drop("ragged_row", len(points) - len(complete), unread=True)
     # The first flag bit of a point says that its position is older than its time.
-    flags = [point[6] if len(point) > 6 and isinstance(point[6], int) else 0 for point in whole]
-    flying = [p for p, flag in zip(whole, flags, strict=True) if p[3] != "ground" and not flag & 1]
-    audit.drop("on_ground_or_stale", len(whole) - len(flying), unread=True)
+    flags = [point[6] if len(point) > 6 and isinstance(point[6], int) else 0 for point in complete]
+    pairs = zip(complete, flags, strict=True)
+    flying = [p for p, flag in pairs if p[3] != "ground" and not flag & 1]
+    audit.drop("on_ground_or_stale", len(complete) - len(flying), unread=True)
     if not flying:
         raise InputError("holds no reports")
-    others = [p[8] if len(p) > 8 and isinstance(p[8], dict) else {} for p in flying]
+    details = [p[8] if len(p) > 8 and isinstance(p[8], dict) else {} for p in flying]
     place = pd.DataFrame([point[:6] for point in flying]).apply(numbers)
-    other = pd.DataFrame(others, columns=[*_TRACE_NUMBERS, "roll"]).apply(numbers)
+    detail_columns = pd.DataFrame(details, columns=[*_TRACE_NUMBERS, "roll"]).apply(numbers)
     yield pd.DataFrame(
         {
             "tail": str(content.get("icao", "")).lstrip("~").upper(),
@@ -214,10 +215,10 @@ def _read_trace(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
             "pressure_altitude": place[3] * FOOT,
             "ground_speed": place[4] * KNOT,
             "track": place[5],
-            "flight": [str(values.get("flight") or "").strip() for values in others],
-            "roll_flag": roll_flags(other["roll"].to_numpy()),
+            "flight": [str(values.get("flight") or "").strip() for values in details],
+            "roll_flag": roll_flags(detail_columns["roll"].to_numpy()),
             **{
-                ours: other[theirs] * factor + offset
+                ours: detail_columns[theirs] * factor + offset
                 for theirs, (ours, factor, offset) in _TRACE_NUMBERS.items()
             },
         }
@@ -243,8 +244,8 @@ def _read_messages(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
             found=", ".join(map(str, table.columns))[:300],
         )
     names = [str(name) for name in table.columns]
-    found = sources(names, mapping)
-    yield merged(to_raw(table, found, audit), audit)
+    matched = sources(names, mapping)
+    yield merged(to_raw(table, matched, audit), audit)
 
 
 def _parsed(text: str) -> object:
@@ -257,9 +258,9 @@ def _parsed(text: str) -> object:
 
 def _flat(message: Mapping[str, object]) -> dict[str, object]:
     values: dict[str, object] = {}
-    for part in (message, message.get("bds50"), message.get("bds60")):
-        if isinstance(part, Mapping):
-            values |= {key: part[key] for key in _KEYS if part.get(key) is not None}
+    for section in (message, message.get("bds50"), message.get("bds60")):
+        if isinstance(section, Mapping):
+            values |= {key: section[key] for key in _KEYS if section.get(key) is not None}
     return values
 
 

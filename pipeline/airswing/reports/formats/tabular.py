@@ -12,7 +12,7 @@ import csv
 import io
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -61,19 +61,19 @@ Header = tuple[list[str], str, int]
 def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     header = _header(path)
     names = header[0]
-    found = sources(names, mapping)
+    matched = sources(names, mapping)
     text = {
         column
-        for name, source in found.items()
+        for name, source in matched.items()
         # A time made of parts or with a format too: 0930 read as a number loses its zero.
         if (name in TEXT or name.startswith(ONLY))
         and (name != "time" or source.parts or source.format)
         for column in source.columns
     }
-    numeric = {c for source in found.values() for c in source.columns} - text
+    numeric = {c for source in matched.values() for c in source.columns} - text
     repeated = [
         variable
-        for variable, source in found.items()
+        for variable, source in matched.items()
         if any(name.startswith(f"{source.column} (column ") for name in names)
     ]
 
@@ -101,24 +101,24 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
             audit.drop("ragged_row", int(ragged.sum()), unread=True)
             yield table.loc[~ragged] if ragged.any() else table
 
-    yield from _in_si(tables(), names, found, audit)
+    yield from _in_si(tables(), names, matched, audit)
 
 
 def _in_si(
-    tables: Iterable[pd.DataFrame], names: Sequence[str], found: Mapping[str, Source], audit: Audit
+    tables: Iterable[pd.DataFrame], names: Sequence[str], columns: Mapped, audit: Audit
 ) -> Iterator[pd.DataFrame]:
     """Raw columns in SI of the pieces of a table; one piece of a table of single messages."""
     layout, rows, pieces = layout_of(names), 0, []
     for table in tables:
         rows += len(table)
-        raw = to_raw(table, found, audit)
+        raw = to_raw(table, columns, audit)
         if layout is not None and layout.messages:
             pieces.append(raw)
         else:
             yield raw
     if not rows:
         raise InputError("has a header but no reports")
-    for variable, source in found.items():
+    for variable, source in columns.items():
         if audit.repaired[f"{variable}_unparsable"] == rows:
             raise InputError(
                 "holds no numbers",
@@ -142,8 +142,8 @@ def _pieces(path: Path, header: Header, audit: Audit, **options: Any) -> Iterato
                 warnings.simplefilter("always")
                 reader = reader or pd.read_csv(file, **options)
                 table = next(reader, None)
-            said = " ".join(str(entry.message) for entry in caught)
-            audit.drop("ragged_row", len(re.findall(r"Skipping line \d+", said)), unread=True)
+            text = " ".join(str(entry.message) for entry in caught)
+            audit.drop("ragged_row", len(re.findall(r"Skipping line \d+", text)), unread=True)
             if table is None:
                 return
             yield table
@@ -203,15 +203,15 @@ def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
     with pq.ParquetFile(path, buffer_size=2**20, pre_buffer=False) as file:
         inside = file.schema_arrow.names
         # A column of the file comes before one of its folder.
-        pairs = (part.split("=", 1) for part in path.absolute().parent.parts if "=" in part)
+        pairs = (folder.split("=", 1) for folder in path.absolute().parent.parts if "=" in folder)
         folders = {
             name: "" if value == "__HIVE_DEFAULT_PARTITION__" else unquote(value)
             for name, value in pairs
             if name and name not in inside
         }
         names = [*inside, *folders]
-        found = sources(names, mapping)
-        every = dict.fromkeys(column for source in found.values() for column in source.columns)
+        matched = sources(names, mapping)
+        every = dict.fromkeys(column for source in matched.values() for column in source.columns)
 
         def tables() -> Iterator[pd.DataFrame]:
             columns = [column for column in every if column in inside]
@@ -219,13 +219,13 @@ def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Data
                 batch.validate(full=True)  # text that is not UTF-8
                 yield batch.to_pandas(ignore_metadata=True).assign(**folders)
 
-        yield from _in_si(tables(), names, found, audit)
+        yield from _in_si(tables(), names, matched, audit)
 
 
-def to_raw(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) -> pd.DataFrame:
+def to_raw(table: pd.DataFrame, columns: Mapped, audit: Audit) -> pd.DataFrame:
     """Bring a table with the file's column names to raw columns in SI."""
     raw: dict[str, NDArray[np.generic]] = {}
-    for variable, source in found.items():
+    for variable, source in columns.items():
         column = column_of(table, source)
         bad = np.zeros(len(table), dtype=bool)
         if variable == "time":
@@ -243,24 +243,24 @@ def to_raw(table: pd.DataFrame, found: Mapping[str, Source], audit: Audit) -> pd
             values = pd.to_numeric(column, errors="coerce")
             bad = (values.isna() & column.notna()).to_numpy(dtype=bool)
             audit.repair(f"{variable}_unparsable", int(bad.sum()))
-            plain = values.to_numpy(dtype=np.float64, na_value=np.nan)
-            raw[variable] = plain * source.factor + source.offset
+            values_si = values.to_numpy(dtype=np.float64, na_value=np.nan)
+            raw[variable] = values_si * source.factor + source.offset
         if bad.any():
             audit.example(variable, column.iloc[int(np.argmax(bad))])
     return pd.DataFrame(raw)
 
 
 def column_of(table: pd.DataFrame, source: Source) -> Column:
-    """Return the column of a source: constant, made of parts, or filled row by row by others."""
+    """Return the column of a source: constant, joined from parts, or with fallbacks in its gaps."""
     if source.value is not None:
         return pd.Series(source.value, index=table.index)
     column = table[source.column]
-    for other in source.others:
+    for name in source.fallbacks:
         # Text columns hold blanks where number columns hold NaN.
-        column = column.where(column.notna() & (column.astype(str).str.strip() != ""), table[other])
+        column = column.where(column.notna() & (column.astype(str).str.strip() != ""), table[name])
     if source.parts:
         date, clock, *offset = (
-            table[part].astype(str).str.strip() for part in (source.column, *source.parts)
+            table[name].astype(str).str.strip() for name in (source.column, *source.parts)
         )
         # Tables leave out the first zero of 06 and 0930.
         clock = clock.where(~clock.str.fullmatch(r"\d(\d\d)*"), "0" + clock)
@@ -287,8 +287,8 @@ def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     reports = raw.loc[wanted].copy()
     for name in raw.columns.intersection(_FILLED):
         values = pd.DataFrame({"value": raw[name], "seconds": seconds})
-        known = values.where(np.isfinite(values["value"])).groupby(raw["tail"])
-        before, after = known.ffill(), known.bfill()
+        valid = values.where(np.isfinite(values["value"])).groupby(raw["tail"])
+        before, after = valid.ffill(), valid.bfill()
         since = (seconds - before["seconds"]).fillna(np.inf)
         until = (after["seconds"] - seconds).fillna(np.inf)
         step = after["value"] - before["value"]
@@ -296,13 +296,13 @@ def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
             step = pd.Series(wrap_degrees(step.to_numpy()))
         filled = before["value"].where(since <= until, after["value"])
         filled = filled.where(np.minimum(since, until) <= _NEAR)
-        both = (since <= _FARTHEST) & (until <= _FARTHEST) & (since + until > 0.0)
+        is_bracketed = (since <= _FARTHEST) & (until <= _FARTHEST) & (since + until > 0.0)
         between = before["value"] + step * since / (since + until)
         if name == "track":
             between %= 360.0
         elif name == "longitude":
             between = pd.Series(wrap_degrees(between.to_numpy()))
-        filled = between.where(both, filled)
+        filled = between.where(is_bracketed, filled)
         reports[name] = raw[name].where(np.isfinite(raw[name]), filled)[wanted]
     if "flight" in raw:
         # A callsign is sent every few seconds and applies until another one.

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from airswing.errors import InputError
-from airswing.products.whole_files import plain, write_text
+from airswing.products.whole_files import json_types, write_text
 
 Injected = Mapping[str, Any]
 """One effect as the generator takes it.
@@ -35,7 +35,7 @@ kt; ``outside``, None or the result of `airswing.synthetic.outside_effects.outsi
 def seal(labels: Sequence[Mapping[str, object]], folder: Path) -> str:
     """Write ``labels.json`` into a folder and its digest to ``<folder>.sha256``; the digest."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = write_text(folder / "labels.json", json.dumps(plain(list(labels)), indent=1))
+    path = write_text(folder / "labels.json", json.dumps(json_types(list(labels)), indent=1))
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     write_text(folder.with_suffix(".sha256"), f"{digest}  labels.json\n")
     return digest
