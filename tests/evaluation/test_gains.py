@@ -11,8 +11,8 @@ from airswing.errors import InputError
 from airswing.evaluation.gains import (
     cross_validate,
     expected_gain,
-    only,
     rank_aircraft,
+    restrict,
     virtual_field_test,
 )
 from tests.compass.flown import Setting
@@ -98,7 +98,7 @@ def test_the_fleet_is_weighted_by_its_reports_and_one_day_has_no_interval(headin
     errors = share * [entry["predicted_standard_error_kt"] for entry in entries]
     assert found["predicted_standard_error_kt"] == pytest.approx(np.sqrt((errors**2).sum()))
     day = headings["time"].to_numpy().astype("datetime64[D]")
-    short = only(headings, day <= np.datetime64(UNTIL))
+    short = restrict(headings, day <= np.datetime64(UNTIL))
     found = virtual_field_test(short, learned_until=UNTIL, draws=50, **QUICK)
     assert np.isfinite(found["realised_gain_kt"])
     assert np.isnan(found["realised_gain_ci_kt"]).all()
@@ -130,7 +130,7 @@ def test_coefficients_without_a_part_are_those_of_a_fit_without_it(headings, joi
     error = np.sqrt(np.diagonal(whole["deviation_covariance"].to_numpy(), axis1=1, axis2=2))
     day = headings["time"].to_numpy().astype("datetime64[D]").astype(int)
     for part in (0, 3):
-        again = fit_deviation(only(headings, day % 10 != part), joint=joint).isel(reference=0)
+        again = fit_deviation(restrict(headings, day % 10 != part), joint=joint).isel(reference=0)
         same = (again["harmonics"] == whole["harmonics"]).to_numpy()
         assert same.sum() >= 4
         whole_apart, apart = (

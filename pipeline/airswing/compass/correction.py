@@ -220,8 +220,13 @@ def _tables(
 
 def error_from_table(fits: xr.Dataset) -> xr.DataArray:
     """Return the heading error (..., aircraft, node) of the tables, degrees, indicated - true."""
-    sign = SIGNS[fits.attrs.get("table_sign", "subtract_error")]
-    return sign * fits["table_correction"]
+    return SIGNS[fits.attrs.get("table_sign", "subtract_error")] * fits["table_correction"]
+
+
+def require_tables(fits: xr.Dataset, remedy: str = "Call add_tables first") -> None:
+    """Raise InputError where the fits hold no correction tables."""
+    if "table_correction" not in fits:
+        raise InputError("the fits hold no tables", field="table_correction", remedy=remedy)
 
 
 def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
@@ -230,10 +235,7 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
     A refused fit has rows with its status and without numbers. InputError where the fits hold no
     tables or the file cannot be written.
     """
-    if "table_correction" not in fits:
-        raise InputError(
-            "the fits hold no tables", field="table_correction", remedy="Call add_tables first"
-        )
+    require_tables(fits)
     dims = "reference", "aircraft"
     usable = xr.DataArray(published(fits["status"]), dims=fits["status"].dims)
     basis = deviation_basis(np.radians(NODES))
@@ -386,9 +388,8 @@ def correct(
             found=reference,
             remedy=f"Fitted: {', '.join(names)}",
         )
-    if method == "table" and "table_correction" not in fits:
-        remedy = "Call add_tables first, or use method='curve'"
-        raise InputError("the fits hold no tables", field="table_correction", remedy=remedy)
+    if method == "table":
+        require_tables(fits, "Call add_tables first, or use method='curve'")
     fit = fits.isel(reference=names.index(reference))
     read = headings[[name for name in NEEDED if name in headings]]
     corrected = map_aircraft(_correct, read, fit, method=method, scaled=apply_airspeed_scale)

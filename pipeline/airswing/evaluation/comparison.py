@@ -30,7 +30,7 @@ from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.evaluation import Content
-from airswing.evaluation.gains import only
+from airswing.evaluation.gains import restrict
 from airswing.evaluation.innovations import Chunk, Floats, Ints, chunks, member_mean, paired_design
 from airswing.evaluation.resampling import normal_interval
 from airswing.flags import PHASE, SCREENING
@@ -116,7 +116,7 @@ def compare(
             found=", ".join(singles) or "none",
             remedy="Add another reference to the configuration",
         )
-    shared = only(headings, headings["reference_eastward_wind"].notnull().all("reference"))
+    shared = restrict(headings, headings["reference_eastward_wind"].notnull().all("reference"))
     fits = fit_deviation(shared, pools=pools, **fit_options).compute()
     region = regions_of(headings["latitude"].to_numpy(), headings["longitude"].to_numpy())
     first, last = (int(day.astype("M8[D]").astype(np.int64)) for day in time_span(headings))

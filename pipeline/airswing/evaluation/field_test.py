@@ -111,7 +111,7 @@ def field_test(
     headings : Dataset
         Screened headings; the winds are as reported.
     pools, reference : mapping of str to list of str, str
-        Members of each reference and pool; the one of them that is used.
+        Members of each reference and pool; name of the reference or pool to use.
     start, before_start : date
         First day of the test, and of the window before it.
     corrected, controls : list of str

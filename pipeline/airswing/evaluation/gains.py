@@ -121,7 +121,7 @@ def rank_aircraft(
     headings, fits : Dataset
         Screened headings, and the fits to them.
     pools, reference : mapping of str to list of str, str
-        Members of each reference and pool; the one of them that is used.
+        Members of each reference and pool; name of the reference or pool to use.
     seed : int, default 0
 
     Returns
@@ -207,7 +207,7 @@ def rank_aircraft(
     return [*ranked, *(entry for entry in entries if entry["rank"] is None)]
 
 
-def only(headings: xr.Dataset, selected: xr.DataArray | NDArray[np.bool_]) -> xr.Dataset:
+def restrict(headings: xr.Dataset, selected: xr.DataArray | NDArray[np.bool_]) -> xr.Dataset:
     """Headings with all other reports marked ``no_reference``, so that no fit uses them; lazy."""
     screening = headings["screening"]
     mark = screening.dtype.type(SCREENING["no_reference"])
@@ -225,7 +225,7 @@ def _learned(
     **options: Unpack[FitOptions],
 ) -> tuple[xr.Dataset, list[Content]]:
     """Fits and tables against one reference or pool, and ranking, from the reports before a day."""
-    before = only(headings, headings["time"] < np.datetime64(until))
+    before = restrict(headings, headings["time"] < np.datetime64(until))
     members = list(pools[reference])
     subset = before.sel(reference=members)
     fits = fit_deviation(subset, pools={reference: members}, alone=False, **options)
@@ -251,11 +251,11 @@ def virtual_field_test(
     Parameters
     ----------
     headings : Dataset
-        Screened headings; a subset is marked by :func:`only`.
+        Screened headings; a subset is marked by :func:`restrict`.
     learned_until : date
         Reports before it give the corrections, reports from it on are used for the comparison.
     pools, reference : mapping of str to list of str, str
-        Members of each reference and pool; the one of them that is used.
+        Members of each reference and pool; name of the reference or pool to use.
     corrected : list of str, optional
         Aircraft that get the correction; all by default.
     draws, seed : int
@@ -400,7 +400,7 @@ def cross_validate(
     headings, fits : Dataset
         Screened headings, and the fits of all these reports, with tables.
     pools, reference : mapping of str to list of str, str
-        Members of each reference and pool; the one of them that is used.
+        Members of each reference and pool; name of the reference or pool to use.
     ranking : list of dict, optional
         Ranking by these fits (:func:`airswing.rank_aircraft`); computed by default.
     draws, seed : int

@@ -366,7 +366,7 @@ def observation_errors(
     headings, corrected : Dataset
         Screened headings, and the corrected winds of the same reports.
     pools, reference : mapping of str to list of str, str
-        Members of each reference and pool; the one of them that is used.
+        Members of each reference and pool; name of the reference or pool to use.
     covariance : float, default 0
         Covariance of the references' errors that the hat assumes, m2/s2.
     seed : int, default 0

@@ -27,6 +27,7 @@ from airswing.compass.correction import (
     curve_standard_error,
     error_from_table,
     main_reference,
+    require_tables,
 )
 from airswing.errors import InputError
 from airswing.evaluation.innovations import Ints, chunks
@@ -336,13 +337,13 @@ def wind_days(
     where screening left none, summed ``difference`` (m/s) and ``log_difference`` (natural).
     """
     tables = []
-    for part in chunks(headings, {"": members}, ["screening"], corrected):
-        wind = np.where(is_corrected(part.applied), part.corrected, part.wind)
-        difference = np.hypot(*(wind - part.model[""]))
-        used = (part.column("screening") == 0) & np.isfinite(difference)
+    for chunk in chunks(headings, {"": members}, ["screening"], corrected):
+        wind = np.where(is_corrected(chunk.applied), chunk.corrected, chunk.wind)
+        difference = np.hypot(*(wind - chunk.model[""]))
+        used = (chunk.column("screening") == 0) & np.isfinite(difference)
         values = {
-            "aircraft": part.aircraft,
-            "day": part.day,
+            "aircraft": chunk.aircraft,
+            "day": chunk.day,
             "count": used * 1.0,
             "difference": np.where(used, difference, 0.0),
             "log_difference": np.where(used, np.log(np.maximum(difference, LEAST)), 0.0),
@@ -463,10 +464,7 @@ def tables_differ(first: UnitTable, second: UnitTable) -> tuple[bool, float]:
 
 def tables_of(fits: xr.Dataset) -> dict[str, UnitTable]:
     """Tables that would be sent, by aircraft, of the published fits of one reference."""
-    if "table_correction" not in fits:
-        raise InputError(
-            "the fits hold no tables", field="table_correction", remedy="Call add_tables first"
-        )
+    require_tables(fits)
     correction = -error_from_table(fits).transpose("aircraft", "node").to_numpy()
     covariance = fits["deviation_covariance"].to_numpy()
     good = published(fits["status"].to_numpy()) & np.isfinite(correction).all(axis=1)

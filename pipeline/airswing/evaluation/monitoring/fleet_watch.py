@@ -137,23 +137,23 @@ def _night(
     shared: StepTest,
     sigma: Floats,
     night: int,
-    of: Ints,
+    craft: Ints,
     normal: Floats,
     right: Floats,
 ) -> tuple[list[Step], Floats]:
     """Process a day: its steps (number -1: the fleet), and the common part for each aircraft."""
     weight, right = single.noise.weights(normal, right)
     level = shared.level(np.array([0]))[0][0]
-    without, total, shown = common_part(*single.innovation(of, weight, right), level, sigma)
-    single.add(night, of, weight, right - np.einsum("nij,nj->ni", weight, without))
+    without, total, shown = common_part(*single.innovation(craft, weight, right), level, sigma)
+    single.add(night, craft, weight, right - np.einsum("nij,nj->ni", weight, without))
     fleet = np.arange(int(total.any()))
     shared.add(night, fleet, *shared.noise.weights(total[None], shown[None]))
-    reference, steps = shared.steps(fleet), single.steps(of)
+    reference, steps = shared.steps(fleet), single.steps(craft)
     for step in reference:
         shared.restart(step)
-    if steps and of.size < 2 * FEWEST:
-        likely = single.likely(of, LIKELY)
-        if len(likely) >= max(2.0, of.size / 2.0):
+    if steps and craft.size < 2 * FEWEST:
+        likely = single.likely(craft, LIKELY)
+        if len(likely) >= max(2.0, craft.size / 2.0):
             for step in likely:
                 single.restart(step)
             strongest = max(likely, key=lambda step: step.statistic)

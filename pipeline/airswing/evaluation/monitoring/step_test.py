@@ -109,64 +109,62 @@ class StepTest:
         # day, and the sums before it
         self._ring: deque[tuple[int, NDArray[np.void]]] = deque(maxlen=LONGEST)
 
-    def scale(self, of: Ints) -> Floats:
+    def scale(self, craft: Ints) -> Floats:
         """Error variance of each aircraft over that of the fleet."""
-        return np.asarray((SCALE_FREEDOM + self.excess[of]) / (SCALE_FREEDOM + self.freedom[of]))
+        excess, freedom = self.excess[craft], self.freedom[craft]
+        return np.asarray((SCALE_FREEDOM + excess) / (SCALE_FREEDOM + freedom))
 
-    def level(self, of: Ints) -> tuple[Floats, Floats]:
+    def level(self, craft: Ints) -> tuple[Floats, Floats]:
         """Level of aircraft and its covariance, drift included."""
-        sums = self.sums[of]
-        return _level(self.law, self.noise, sums["weight"], sums["limited"], self.scale(of))
+        sums = self.sums[craft]
+        return _level(self.law, self.noise, sums["weight"], sums["limited"], self.scale(craft))
 
-    def innovation(self, of: Ints, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
+    def innovation(self, craft: Ints, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
         """Weight and score of a day's difference from the level, including the level's error."""
-        level, covariance = self.level(of)
-        scale = self.scale(of)
+        level, covariance = self.level(craft)
+        scale = self.scale(craft)
         weight = weight / scale[:, np.newaxis, np.newaxis]
         score = right / scale[:, np.newaxis] - np.einsum("nij,nj->ni", weight, level)
         return _marginal(weight, score, covariance)
 
-    def add(self, day: int, of: Ints, weight: Floats, right: Floats) -> None:
-        """Take in a day later than any before, of aircraft ``of`` with weight and right side each.
-
-        Distances beyond the law's farthest are limited.
-        """
+    def add(self, day: int, craft: Ints, weight: Floats, right: Floats) -> None:
+        """Add a later day of aircraft ``craft``, distances limited to the law's farthest."""
         self._ring.append((day, self.sums.copy()))
-        if not of.size:
+        if not craft.size:
             return
         distance, freedom = _distance(
-            *self.innovation(of, weight, right), self.law.shapes.max(axis=0)
+            *self.innovation(craft, weight, right), self.law.shapes.max(axis=0)
         )
-        new = self.sums["days"][of] < FEWEST_DAYS
+        new = self.sums["days"][craft] < FEWEST_DAYS
         share = np.where(new, 1.0, np.sqrt(self.law.farthest / np.maximum(distance, 1e-30)))
-        expected = np.einsum("nij,nj->ni", weight, self.level(of)[0])
+        expected = np.einsum("nij,nj->ni", weight, self.level(craft)[0])
         limited = expected + np.minimum(share, 1.0)[:, np.newaxis] * (right - expected)
         usual = freedom + 3.0 * np.sqrt(2.0 * freedom)
         # the distance was measured with the scale before this day
-        excess = np.where(new, freedom, np.minimum(distance, usual)) * self.scale(of)
+        excess = np.where(new, freedom, np.minimum(distance, usual)) * self.scale(craft)
         for name, values in zip(_SUMS, (weight, limited, right, 1.0), strict=True):
-            self.sums[name][of] += values
-        self.excess[of] += excess
-        self.freedom[of] += freedom
+            self.sums[name][craft] += values
+        self.excess[craft] += excess
+        self.freedom[craft] += freedom
 
-    def steps(self, of: Ints) -> list[Step]:
+    def steps(self, craft: Ints) -> list[Step]:
         """Steps of aircraft detected on the last day."""
         law, lags = self.law, self._lags()
         if law.student_from is None:
-            return self.likely(of, law.threshold)
-        ratios = self._ratios(of, lags)
+            return self.likely(craft, law.threshold)
+        ratios = self._ratios(craft, lags)
         steps = []
         for j in np.flatnonzero(ratios.max(axis=0, initial=-np.inf) > law.student_from):
             tried = [lag for lag, ratio in zip(lags, ratios[:, j], strict=True) if ratio > 0.0]
-            statistic = max(self._student_ratio(int(of[j]), lag) for lag in tried)
+            statistic = max(self._student_ratio(int(craft[j]), lag) for lag in tried)
             if statistic > law.threshold:
-                steps.append(replace(self._dated(int(of[j])), statistic=statistic))
+                steps.append(replace(self._dated(int(craft[j])), statistic=statistic))
         return steps
 
-    def likely(self, of: Ints, threshold: float) -> list[Step]:
+    def likely(self, craft: Ints, threshold: float) -> list[Step]:
         """Same as :meth:`steps`, with normal errors and another threshold."""
-        best = self._ratios(of, self._lags()).max(axis=0, initial=-np.inf)
-        return [self._dated(int(k)) for k in of[best > threshold]]
+        best = self._ratios(craft, self._lags()).max(axis=0, initial=-np.inf)
+        return [self._dated(int(k)) for k in craft[best > threshold]]
 
     def _lags(self) -> list[int]:
         return [lag for lag in LAGS if lag <= len(self._ring)]
@@ -195,31 +193,31 @@ class StepTest:
                 sums[name][k] = sums[name][k] - before[name] if after else 0.0
             sums["limited"][k] = sums["right"][k]
 
-    def _ratios(self, of: Ints, lags: Sequence[int]) -> Floats:
+    def _ratios(self, craft: Ints, lags: Sequence[int]) -> Floats:
         """Log likelihood ratios of a step ``lags`` days ago, (lag, n), with normal errors."""
-        before = np.array([self._ring[-lag][1][of] for lag in lags], self.sums.dtype)
-        before = before.reshape(len(lags), of.size)
-        ratio = _mixture(*self._after(of, lags, before, "limited"), self.law.shapes)
+        before = np.array([self._ring[-lag][1][craft] for lag in lags], self.sums.dtype)
+        before = before.reshape(len(lags), craft.size)
+        ratio = _mixture(*self._after(craft, lags, before, "limited"), self.law.shapes)
         return np.where(before["days"] >= FEWEST_DAYS, ratio, -np.inf)
 
     def _after(
-        self, of: Ints, lags: Sequence[int], before: NDArray[np.void], side: str
+        self, craft: Ints, lags: Sequence[int], before: NDArray[np.void], side: str
     ) -> tuple[Floats, Floats]:
-        scale = np.broadcast_to(self.scale(of), before.shape)
+        scale = np.broadcast_to(self.scale(craft), before.shape)
         inflation = np.array([self.noise.inflation(lag) for lag in lags])
-        weight, right = (self.sums[name][of] - before[name] for name in ("weight", side))
+        weight, right = (self.sums[name][craft] - before[name] for name in ("weight", side))
         past, inflated = (before["weight"], before["limited"]), scale * inflation[:, np.newaxis]
         return _relative(self.law, self.noise, past, (weight, right), scale, inflated)
 
     def _dated(self, number: int) -> Step:
-        lags, of = range(1, len(self._ring) + 1), np.array([number])
-        ratio = self._ratios(of, lags)[:, 0]
+        lags, craft = range(1, len(self._ring) + 1), np.array([number])
+        ratio = self._ratios(craft, lags)[:, 0]
         best = int(np.argmax(ratio))
         likely = np.flatnonzero(2.0 * (ratio[best] - ratio) <= LIKELIHOOD_RATIO_95)
         day = [self._ring[-lag][0] for lag in lags]
         # without the limit of far days
-        before = self._ring[-(best + 1)][1][of][np.newaxis]
-        weight, score = self._after(of, [best + 1], before, "right")
+        before = self._ring[-(best + 1)][1][craft][np.newaxis]
+        weight, score = self._after(craft, [best + 1], before, "right")
         change, error = _step_estimate(weight[0, 0], score[0, 0], self.law)
         return Step(
             number, day[best], day[likely[-1]], day[likely[0]], float(ratio[best]), change, error

@@ -57,8 +57,7 @@ def _waterfall_figure(gap: GapReport) -> Figure:
         for before, step in pairwise(gap.waterfall)
         if step.step_ci is not None
     ]
-    levels = gap.closure.before, gap.closure.after, gap.gap.noise_floor_kt
-    before, end, floor = levels
+    before, end, floor = gap.closure.before, gap.closure.after, gap.gap.noise_floor_kt
     bars = [("simulation so far", before, SOFT)]
     bars += [(f"+ {plain_name(name)}", step, "") for name, step, _ in steps]
     bars.append(("with all effects", end, html.GREEN))

@@ -71,8 +71,7 @@ def plain_name(name: str) -> str:
 
 
 def _component(name: str) -> str:
-    spaced = re.sub("^(across|along)_", r"\1 the ", name).replace("_", " ")
-    return _COMPONENTS.get(name, spaced)
+    return _COMPONENTS.get(name, re.sub("^(across|along)_", r"\1 the ", name).replace("_", " "))
 
 
 def capital(text: str) -> str:

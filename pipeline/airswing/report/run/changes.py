@@ -64,8 +64,7 @@ def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Fig
             for change in changes[name]:
                 low, high = days_since_1970(change["date_ci"])
                 axes.axvspan(low, high + 1, color=html.VERMILION, alpha=0.18, linewidth=0)
-                day = days_since_1970(change["date"])
-                axes.axvline(day, color=html.VERMILION, linewidth=1.4)
+                axes.axvline(days_since_1970(change["date"]), color=html.VERMILION, linewidth=1.4)
         panels[0].set_ylabel(name)
     for axes, (quantity, _) in zip(grid[0], looks, strict=True):
         axes.set_title(f"{quantity} (degree)")

@@ -20,8 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
-from airswing.compass.correction import deviation_curve, main_reference
-from airswing.errors import InputError
+from airswing.compass.correction import deviation_curve, main_reference, require_tables
 from airswing.flags import STATUS, published
 from airswing.physics.robust_spread import robust_sd
 from airswing.products.ragged import aircraft_reports
@@ -189,8 +188,7 @@ def heading_error_figure(
 def heading_errors_figure(run: Run, names: Sequence[str]) -> Figure:
     """Draw small panels of the heading error of several aircraft on one scale."""
     shown = [(name, *run.points(name), run.fit(name)) for name in names]
-    limits = [_error_limit(error, _curve(fit)) for *_, error, fit in shown]
-    limit = min(_WIDEST, max(limits))
+    limit = min(_WIDEST, max(_error_limit(error, _curve(fit)) for *_, error, fit in shown))
     rows = -(-len(names) // _COLUMNS)
     shared = Look(sharex=True, sharey=True, squeeze=False)
     figure, panels = html.panels(0.45 + 1.85 * rows, rows, _COLUMNS, **shared)
@@ -257,12 +255,8 @@ def write_swing_cards(
     InputError
         If the fits have no tables, or the file cannot be written.
     """
-    if "table_correction" not in fits:
-        raise InputError(
-            "the fits contain no tables", field="table_correction", remedy="Call add_tables first"
-        )
-    drawn = selection.drawn_columns(headings)
-    run = Run(drawn, fits, reference or main_reference(fits))
+    require_tables(fits)
+    run = Run(selection.drawn_columns(headings), fits, reference or main_reference(fits))
     usable = published(fits["status"].sel(reference=run.reference))
     names = selection.names_of(fits.isel(aircraft=usable))
     # Without dates, or the same cards would differ from run to run.
