@@ -62,8 +62,8 @@ def nodes_of(coefficients, histogram=EVEN, resolution=0.0):
 def test_interpolation_is_the_periodic_one_of_numpy(table, heading):
     expected = np.interp(heading, NODES, table, period=360)
     for given_table in (np.array(table), np.array([table])):
-        found = unit_interpolation(given_table, [heading])[0]
-        assert found == pytest.approx(expected, abs=1e-9, nan_ok=True)
+        value = unit_interpolation(given_table, [heading])[0]
+        assert value == pytest.approx(expected, abs=1e-9, nan_ok=True)
 
 
 @pytest.mark.parametrize(
@@ -74,8 +74,8 @@ def test_projection_has_the_known_gain_and_residual(cycles, curve, gain, residua
     # the nodes sample sin at 45 degrees (one cycle) and at its maxima (two cycles)
     nodes = nodes_of(curve)
     assert nodes == pytest.approx(gain * np.sin(np.radians(cycles * NODES)), abs=2e-3)
-    apart = unit_interpolation(nodes, FINE) - deviation_curve(curve, FINE)
-    assert np.sqrt(2.0 * np.mean(apart**2)) == pytest.approx(residual, abs=2e-3)
+    error = unit_interpolation(nodes, FINE) - deviation_curve(curve, FINE)
+    assert np.sqrt(2.0 * np.mean(error**2)) == pytest.approx(residual, abs=2e-3)
 
 
 @pytest.mark.parametrize("sign", ["subtract_error", "add_error"])
@@ -85,8 +85,8 @@ def test_round_trip_of_the_sign(sign):
     indicated = np.linspace(0, 360, 721)
     fits = add_tables(fits_of(coefficients), headings_of(indicated), resolution=0.0, sign=sign)
     true = indicated - deviation_curve(coefficients, indicated)
-    held = unit_interpolation(fits["table_correction"][0, 0].to_numpy(), indicated)
-    corrected = indicated + held if sign == "subtract_error" else indicated - held
+    table = unit_interpolation(fits["table_correction"][0, 0].to_numpy(), indicated)
+    corrected = indicated + table if sign == "subtract_error" else indicated - table
     assert np.abs(corrected - true).max() < 0.35
     assert np.sqrt(np.mean((corrected - true) ** 2)) == pytest.approx(
         fits["table_residual_rms"].item(), abs=5e-3
@@ -150,8 +150,8 @@ def test_correction_undoes_a_deviation(error, true, speed, wind):
     ground = speed * np.array([np.sin(np.radians(true)), np.cos(np.radians(true))]) + [wind, -wind]
     shown = np.radians(true + error)
     reported = ground - speed * np.array([np.sin(shown), np.cos(shown)])
-    found = corrected_wind(*reported, speed, shown, np.radians(error))
-    assert np.allclose(found, [wind, -wind], atol=1e-9)
+    result = corrected_wind(*reported, speed, shown, np.radians(error))
+    assert np.allclose(result, [wind, -wind], atol=1e-9)
 
 
 @pytest.mark.parametrize("method", ["table", "curve"])
@@ -164,8 +164,8 @@ def test_corrected_wind_is_near_the_truth(fleet, method):
         miss = np.hypot(*(wind - truth["true_wind"]).T).reshape(3, size)
         return np.sqrt(np.mean(miss**2, axis=1))
 
-    options = ({"method": method, "apply_airspeed_scale": one} for one in (False, True))
-    done, scaled = (correct(headings, fits, **one) for one in options)
+    options = ({"method": method, "apply_airspeed_scale": scaling} for scaling in (False, True))
+    done, scaled = (correct(headings, fits, **option) for option in options)
     assert (off(done, "corrected_") < 0.6 * off(headings, "")).all()
     assert (off(scaled, "corrected_") < 0.15 * off(headings, "")).all()
     assert np.all(done["correction_applied"] == CORRECTION["corrected"])
@@ -212,7 +212,7 @@ def test_the_curve_s_one_cycle_grows_where_the_field_is_weak(fleet):
     field = np.full(headings.sizes["report"], 20_000.0)
     field[[0, 1, 2]] = 15_000.0, 25_000.0, np.nan
     headings["magnetic_heading"][:4] = np.array([90.0, 0.0, 90.0, 90.0])
-    plain = correct(headings, fits)
+    default = correct(headings, fits)
     headings["horizontal_field"] = ("report", field)
     done = correct(headings, fits, method="curve")
     turned = wrap(headings["heading"] - done["corrected_heading"]).to_numpy()[:4]
@@ -224,12 +224,12 @@ def test_the_curve_s_one_cycle_grows_where_the_field_is_weak(fleet):
     assert error == pytest.approx([weak, strong, at_mean_error[0], at_mean_error[0]], rel=1e-4)
     stated = "corrected_wind_standard_error"
     by_table = correct(headings, fits)  # one table for all fields; its error says so
-    xr.testing.assert_identical(by_table.drop_vars(stated), plain.drop_vars(stated))
+    xr.testing.assert_identical(by_table.drop_vars(stated), default.drop_vars(stated))
     # A + B sin m + C cos m + ... of the field there, less the table: known, and stated
     table = wrap(headings["heading"] - by_table["corrected_heading"]).to_numpy()[:2]
     here, at_mean = np.array([2.5, 1.7]) - table, np.array([1.5, 1.5]) - table
     more = np.radians(here) ** 2 - np.radians(at_mean) ** 2
-    added = (by_table[stated] ** 2 - plain[stated] ** 2).to_numpy()[:2]
+    added = (by_table[stated] ** 2 - default[stated] ** 2).to_numpy()[:2]
     variance = np.radians([weak, strong]) ** 2 - np.radians(at_mean_error) ** 2
     expected = headings["airspeed"].to_numpy()[:2] ** 2 * (more + variance)
     assert added == pytest.approx(expected, rel=2e-3)
@@ -280,9 +280,9 @@ def test_corrected_winds_are_within_their_errors_of_those_of_perfect_compasses()
     ).to_numpy()
     stated = done["corrected_wind_standard_error"].to_numpy()
     turning = np.abs(np.degrees(right["bank"].to_numpy())) > 2.0
-    for chosen, number, share in ((~turning, 8_000, 0.95), (turning, 250, 0.90)):
-        chosen &= np.isfinite(stated)
-        assert chosen.sum() > number
-        assert np.mean(error[chosen] <= 2.0 * stated[chosen]) > share
+    for rows, number, share in ((~turning, 8_000, 0.95), (turning, 250, 0.90)):
+        rows &= np.isfinite(stated)
+        assert rows.sum() > number
+        assert np.mean(error[rows] <= 2.0 * stated[rows]) > share
         # and no more is stated than there is, by much
-        assert np.sqrt(np.mean(stated[chosen] ** 2)) < 1.6 * np.sqrt(np.mean(error[chosen] ** 2))
+        assert np.sqrt(np.mean(stated[rows] ** 2)) < 1.6 * np.sqrt(np.mean(error[rows] ** 2))

@@ -129,21 +129,21 @@ def rms(values):
 def test_the_compass_error_flown_is_the_heading_error_found():
     reports = flown(airspeed_scale=1.02)
     truth = reports.attrs["truth"]
-    found = derive_headings(reports, model(reports))
-    assert found.heading_error.dims == ("reference", "report")
-    np.testing.assert_allclose(found.heading_error[0], truth["error"], atol=2e-3)
-    np.testing.assert_allclose(off(found.heading, truth["unit_heading"]), 0.0, atol=2e-3)
-    np.testing.assert_allclose(off(found.track, truth["track"]), 0.0, atol=1e-3)
-    np.testing.assert_allclose(found.airspeed, 1.02 * truth["airspeed"], rtol=1e-5)
+    ds = derive_headings(reports, model(reports))
+    assert ds.heading_error.dims == ("reference", "report")
+    np.testing.assert_allclose(ds.heading_error[0], truth["error"], atol=2e-3)
+    np.testing.assert_allclose(off(ds.heading, truth["unit_heading"]), 0.0, atol=2e-3)
+    np.testing.assert_allclose(off(ds.track, truth["track"]), 0.0, atol=1e-3)
+    np.testing.assert_allclose(ds.airspeed, 1.02 * truth["airspeed"], rtol=1e-5)
     np.testing.assert_allclose(
-        off(found.heading - found.declination, found.magnetic_heading.values), 0.0, atol=1e-4
+        off(ds.heading - ds.declination, ds.magnetic_heading.values), 0.0, atol=1e-4
     )
     # an error of the airspeed shows along the heading and not across
-    np.testing.assert_allclose(found.airspeed_error[0], 0.02 * truth["airspeed"], atol=2e-3)
+    np.testing.assert_allclose(ds.airspeed_error[0], 0.02 * truth["airspeed"], atol=2e-3)
     for name in ("heading", "heading_error", "horizontal_field", "turn", "airspeed_error"):
-        assert found[name].attrs["units"] == VARIABLES[name].units
-        assert found[name].dtype == VARIABLES[name].dtype
-    assert found.attrs["reading_audit"] == "{}"
+        assert ds[name].attrs["units"] == VARIABLES[name].units
+        assert ds[name].dtype == VARIABLES[name].dtype
+    assert ds.attrs["reading_audit"] == "{}"
     assert len(set(np.floor(truth["heading"] / 45.0))) == 8, "all eight octants were flown"
 
 
@@ -151,18 +151,18 @@ def test_missing_winds_of_one_reference_leave_the_other():
     reports = flown(flights=3)
     winds = model(reports, names=("ruc", "rtfdaa"))
     winds.reference_eastward_wind[0, 5] = np.nan
-    found = derive_headings(reports, winds)
-    assert np.isnan(found.heading_error.sel(reference="ruc")[5])
-    assert np.isfinite(found.heading_error.sel(reference="rtfdaa")).all()
-    assert np.isfinite(found.heading).all()
+    ds = derive_headings(reports, winds)
+    assert np.isnan(ds.heading_error.sel(reference="ruc")[5])
+    assert np.isfinite(ds.heading_error.sel(reference="rtfdaa")).all()
+    assert np.isfinite(ds.heading).all()
 
 
 @pytest.mark.parametrize(("position", "tick"), [(TENTH_MINUTE, 1.0), (0.01, 60.0)])
 def test_the_standard_error_is_the_error(position, tick):
     reports = flown(flights=60, position=position, tick=tick)
-    found = derive_headings(reports, model(reports), acceleration_density=0.0)
-    miss = found.heading_error[0].values - reports.attrs["truth"]["error"]
-    stated = found.heading_error_standard_error[0].values
+    ds = derive_headings(reports, model(reports), acceleration_density=0.0)
+    miss = ds.heading_error[0].values - reports.attrs["truth"]["error"]
+    stated = ds.heading_error_standard_error[0].values
     assert rms(miss / stated) == pytest.approx(1.0, abs=0.25)
     assert rms(miss) < 0.3, "an error of the ground vector nearly cancels"
 
@@ -172,14 +172,14 @@ def test_reported_heading_and_airspeed_are_used_where_they_agree():
     truth = reports.attrs["truth"]
     reported = with_reported(reports, np.round(truth["unit_heading"]), truth["unit_airspeed"])
     chords = derive_headings(reports, model(reports))
-    found = derive_headings(reported, model(reports))
-    assert from_reported(found) == reports.sizes["report"]
-    assert uses(found) == ["used", "used"] and uses(chords) == ["absent", "absent"]
-    np.testing.assert_allclose(off(found.heading, np.round(truth["unit_heading"])), 0, atol=1e-3)
-    assert rms(off(found.track, truth["track"])) < 0.35 < rms(off(chords.track, truth["track"]))
-    assert float(found.ground_velocity_error.median()) < 1.0
+    ds = derive_headings(reported, model(reports))
+    assert from_reported(ds) == reports.sizes["report"]
+    assert uses(ds) == ["used", "used"] and uses(chords) == ["absent", "absent"]
+    np.testing.assert_allclose(off(ds.heading, np.round(truth["unit_heading"])), 0, atol=1e-3)
+    assert rms(off(ds.track, truth["track"])) < 0.35 < rms(off(chords.track, truth["track"]))
+    assert float(ds.ground_velocity_error.median()) < 1.0
     # half a degree of rounding in a whole degree, the rest is the compass
-    assert rms(found.heading_error[0] - truth["error"]) < 0.35
+    assert rms(ds.heading_error[0] - truth["error"]) < 0.35
 
 
 @pytest.mark.parametrize(
@@ -197,10 +197,10 @@ def test_a_column_of_another_quantity_is_not_used(column, reason):
         "cas": (heading, 0.65 * airspeed),
     }[column]
     columns = (np.where(second, *two) for two in zip(other, (heading, airspeed), strict=True))
-    found = derive_headings(with_reported(reports, *columns), model(reports))
-    assert uses(found) == ["used", reason]
-    assert from_reported(found) == (~second).sum()
-    np.testing.assert_allclose(found.heading_error[0].values, truth["error"], atol=0.6)
+    ds = derive_headings(with_reported(reports, *columns), model(reports))
+    assert uses(ds) == ["used", reason]
+    assert from_reported(ds) == (~second).sum()
+    np.testing.assert_allclose(ds.heading_error[0].values, truth["error"], atol=0.6)
 
 
 def test_too_few_reports_or_one_wild_one():
@@ -209,10 +209,10 @@ def test_too_few_reports_or_one_wild_one():
         heading, airspeed = truth["unit_heading"].copy(), truth["unit_airspeed"].copy()
         heading[7] += 40.0
         airspeed[9] = np.nan
-        found = derive_headings(with_reported(reports, heading, airspeed), model(reports))
-        assert uses(found) == [use] * 2
-    assert from_reported(found) == reports.sizes["report"] - 2
-    np.testing.assert_allclose(found.heading_error[0], truth["error"], atol=3e-3)
+        ds = derive_headings(with_reported(reports, heading, airspeed), model(reports))
+        assert uses(ds) == [use] * 2
+    assert from_reported(ds) == reports.sizes["report"] - 2
+    np.testing.assert_allclose(ds.heading_error[0], truth["error"], atol=3e-3)
 
 
 def test_inconsistent_input_is_refused():
@@ -249,11 +249,11 @@ def test_a_research_aircraft_from_its_fixes_and_wind_alone(real):
         "flight": np.zeros(lat.size, dtype=np.int32),
     }
     reports = ragged(columns, [lat.size], ["N677F"])
-    found = derive_headings(reports, model(reports), widen=False).isel(report=slice(1, -1))
-    assert np.median(np.abs(off(found.heading, heading[1:-1]))) < 0.5, "degrees"
-    assert np.median(np.abs(found.airspeed.values - airspeed[1:-1])) < 1.0
+    derived = derive_headings(reports, model(reports), widen=False).isel(report=slice(1, -1))
+    assert np.median(np.abs(off(derived.heading, heading[1:-1]))) < 0.5, "degrees"
+    assert np.median(np.abs(derived.airspeed.values - airspeed[1:-1])) < 1.0
     # the drift is more than ten degrees: neither the track nor the wrong sign would do
-    assert np.median(np.abs(off(found.track, heading[1:-1]))) > 8.0
+    assert np.median(np.abs(off(derived.track, heading[1:-1]))) > 8.0
 
 
 POOLS = {"both": ["ruc", "rtfdaa"]}
@@ -299,7 +299,7 @@ def test_nothing_is_computed_and_the_result_is_the_eager_one(two_references, chu
 def test_blocks_are_whole_aircraft_and_processes_give_the_same(two_references):
     reports, winds, eager = two_references
     lazy = reports.chunk({"report": 50}).assign(row_size=reports["row_size"])
-    found = stages(lazy, winds)
-    assert found[0]["heading"].chunks == (tuple(reports["row_size"].to_numpy().tolist()),)
+    ds = stages(lazy, winds)
+    assert ds[0]["heading"].chunks == (tuple(reports["row_size"].to_numpy().tolist()),)
     with dask.config.set(scheduler="processes", num_workers=2):
-        xr.testing.assert_identical(found[2].compute(), eager[2])
+        xr.testing.assert_identical(ds[2].compute(), eager[2])

@@ -246,9 +246,9 @@ def test_clocks_of_another_time_zone(ahead, said):
         "wind_source": np.zeros(1600),
     }
     made = headings(3600.0 * hours, wind, reference, ground, columns, ("A",))
-    found = [finding for finding in plausibility(made) if finding.quantity == "time"]
-    assert all(said in finding.evidence for finding in found)
-    assert len(found) == (said != "")
+    clock = [finding for finding in plausibility(made) if finding.quantity == "time"]
+    assert all(said in finding.evidence for finding in clock)
+    assert len(clock) == (said != "")
 
 
 def test_the_status_and_the_sentence():

@@ -52,8 +52,8 @@ def bits(ds, **options):
 def test_every_rule_has_its_bit_and_only_its_bit():
     # The field test's bit is set by mark_corrected_units, not by a rule of screen.
     assert [*WORST, "field_test"] == list(SCREENING)
-    found = bits(made({}, *WORST.values()))
-    assert [*found, SCREENING["field_test"]] == [0, *SCREENING.values()]
+    marked = bits(made({}, *WORST.values()))
+    assert [*marked, SCREENING["field_test"]] == [0, *SCREENING.values()]
 
 
 @pytest.mark.parametrize(
@@ -70,8 +70,8 @@ def test_every_rule_has_its_bit_and_only_its_bit():
 )
 def test_policies_of_flags(name, codes, policy, rejected):
     rule = name.removesuffix("_flag")
-    found = bits(made(*({name: code} for code in codes.values())), **{rule: policy})
-    assert found == [SCREENING[rule] if word in rejected else 0 for word in codes]
+    marked = bits(made(*({name: code} for code in codes.values())), **{rule: policy})
+    assert marked == [SCREENING[rule] if word in rejected else 0 for word in codes]
     absent = made({}).drop_vars(name)  # counts as missing
     assert bits(absent, **{rule: policy}) == [SCREENING[rule] if "missing" in rejected else 0]
     with pytest.raises(ConfigError, match=rf"screening.{rule}.*require_{rule}"):
@@ -126,13 +126,13 @@ def test_the_audit():
         {**WORST["phase"], **WORST["roll"]},
         row_size=(4, 2),
     )
-    found = audit(screen(ds))
-    rules = found.sel(rule=["turn", "roll", "phase"]).transpose("rule", ...)
+    counts = audit(screen(ds))
+    rules = counts.sel(rule=["turn", "roll", "phase"]).transpose("rule", ...)
     assert rules.together.values.tolist() == [[2, 0], [1, 1], [0, 2]]
     assert rules.alone.values.tolist() == [[1, 0], [0, 0], [0, 1]]
-    assert found.reports.values.tolist() == [4, 2]
-    assert found.kept.values.tolist() == [2, 0]
-    assert found.aircraft.values.tolist() == ["N0", "N1"]
+    assert counts.reports.values.tolist() == [4, 2]
+    assert counts.kept.values.tolist() == [2, 0]
+    assert counts.aircraft.values.tolist() == ["N0", "N1"]
 
 
 def test_reports_of_corrected_units_are_marked_from_the_test_on_and_not_fitted_or_corrected():

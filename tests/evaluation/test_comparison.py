@@ -48,8 +48,8 @@ def test_a_regional_bias_of_one_metre_a_second_is_not_poolable():
 def test_nam_is_compared_and_never_called_poolable():
     ds = references(1, replace(SETTING, references=3, days=40))
     pools = {**TWO, "nam": ["nam"], "ruc+rtfdaa": ["ruc", "rtfdaa"]}
-    found = compare(ds, pools=pools, never_pool=["NAM"], joint=False)
-    pairs = {tuple(pair["references"]): pair for pair in found["pairs"]}
+    content = compare(ds, pools=pools, never_pool=["NAM"], joint=False)
+    pairs = {tuple(pair["references"]): pair for pair in content["pairs"]}
     for other in ("ruc", "rtfdaa"):
         pair = pairs[other, "nam"]
         assert pair["poolable"] is False
@@ -58,13 +58,13 @@ def test_nam_is_compared_and_never_called_poolable():
     assert "never_pool" not in pairs["ruc", "rtfdaa"]["why"]
     # a pool of two differs from a member by half the difference of the members: one test
     pool, alone = pairs["ruc+rtfdaa", "ruc"], pairs["ruc", "rtfdaa"]
-    assert [one["own_test"] for one in (pool, alone)] == [False, True]
+    assert [single["own_test"] for single in (pool, alone)] == [False, True]
     assert pool["fleet"]["p_value"] == pytest.approx(alone["fleet"]["p_value"])
     assert 2 * pool["fleet"]["curve_rms_deg"] == pytest.approx(alone["fleet"]["curve_rms_deg"])
-    assert [len(entry["references"]) for entry in found["three_way"]] == [3]
+    assert [len(entry["references"]) for entry in content["three_way"]] == [3]
     for name in ("by_lead_time", "by_phase", "by_level", "by_season"):
-        assert found[name], name
-    assert {entry["slice"] for entry in found["by_season"]} == {"JJA"}
+        assert content[name], name
+    assert {entry["slice"] for entry in content["by_season"]} == {"JJA"}
 
 
 def test_the_three_cornered_hat_by_hand_and_a_negative_variance():
@@ -80,12 +80,12 @@ def test_a_regional_bias_by_hand():
     """Region 1 is 2 m/s off every day, region 0 not at all: no scatter, so no error."""
     sums = np.zeros((3, 9, 30))
     sums[0, :2], sums[1, 1] = 1.0, 2.0
-    found = {(e["region"], e["component"]): e for e in regional_bias(sums)}
-    assert found[1, "eastward"]["difference"] == 2.0
-    assert found[1, "eastward"]["contrast"] == 2.0
-    assert found[0, "eastward"]["contrast"] == -2.0
-    assert found[1, "eastward"]["difference_p_value"] < 1e-9
-    assert found[1, "northward"]["difference"] == 0.0
+    by_cell = {(e["region"], e["component"]): e for e in regional_bias(sums)}
+    assert by_cell[1, "eastward"]["difference"] == 2.0
+    assert by_cell[1, "eastward"]["contrast"] == 2.0
+    assert by_cell[0, "eastward"]["contrast"] == -2.0
+    assert by_cell[1, "eastward"]["difference_p_value"] < 1e-9
+    assert by_cell[1, "northward"]["difference"] == 0.0
 
 
 def test_a_report_without_a_magnetic_heading_is_left_out():
@@ -93,8 +93,8 @@ def test_a_report_without_a_magnetic_heading_is_left_out():
     heading = ds["magnetic_heading"].to_numpy().copy()
     heading[::50] = np.nan
     holed = ds.assign(magnetic_heading=("report", heading))
-    whole, left = (compare(one, pools=TWO, joint=False)["reports"] for one in (ds, holed))
-    assert left == whole - np.isnan(heading).sum()
+    complete, reduced = (compare(case, pools=TWO, joint=False)["reports"] for case in (ds, holed))
+    assert reduced == complete - np.isnan(heading).sum()
 
 
 def test_an_aircraft_of_one_day_decides_nothing():

@@ -65,8 +65,8 @@ def simulate_fleet(seed, *, corrected=19, controls=17, days=(60, 60), flights=3,
     headings = ragged(columns, np.full(number, day.size), names, ["rr"])
     true = rice.mean(size / NOISE_KT, scale=NOISE_KT)  # (aircraft, window)
     groups = {"corrected": slice(corrected), "controls": slice(corrected, None)}
-    levels = {name: true[part].mean(axis=0) for name, part in groups.items()}
-    members = {name: names[part] for name, part in groups.items()}
+    levels = {name: true[group].mean(axis=0) for name, group in groups.items()}
+    members = {name: names[group] for name, group in groups.items()}
     return SimpleNamespace(headings=headings, levels=levels, **members)
 
 
@@ -105,8 +105,8 @@ def test_a_fleet_built_to_the_seeds_numbers_gives_its_table():
     result = run(fleet)
     for group in ("corrected", "controls"):
         entry = result["groups"][group]
-        both = entry["before_kt"], entry["during_kt"]
-        assert both == pytest.approx(fleet.levels[group], abs=0.35)
+        pair = entry["before_kt"], entry["during_kt"]
+        assert pair == pytest.approx(fleet.levels[group], abs=0.35)
         assert entry["reduction_kt"] == pytest.approx(entry["before_kt"] - entry["during_kt"])
     assert result["groups"]["corrected"]["aircraft"] == 19
     assert result["permutation"]["p_value_unconditional"] < 0.01
@@ -123,8 +123,8 @@ def test_means_by_hand():
     names = np.repeat(ds["aircraft"].to_numpy(), ds["row_size"].to_numpy())
     during = ds["time"].to_numpy() >= np.datetime64(START)
     for group, members in (("corrected", fleet.corrected), ("controls", fleet.controls)):
-        for window, chosen in (("before", ~during), ("during", during)):
-            rows = np.isin(names, members) & chosen
+        for window, days in (("before", ~during), ("during", during)):
+            rows = np.isin(names, members) & days
             entry = result["groups"][group]
             assert entry[f"{window}_kt"] == pytest.approx(speed[rows].mean())
             assert entry[f"reports_{window}"] == rows.sum()
@@ -140,9 +140,9 @@ def test_the_worst_of_the_first_half_fall_by_themselves():
     total = np.array([[9, 9, 5, 5, 5, 5], [8, 8, 6, 6, 5, 5], [5, 5, 6, 6, 5, 5], [4.0] * 6])
     during = np.arange(6) >= 4
     sums = DaySums(np.ones((4, 6)), total, np.array([False, True, True, False]), during)
-    found = regression_to_the_mean(sums)
-    assert found["spurious_reduction_kt"] == pytest.approx(3.0 - -0.5)
-    assert found["rule"].startswith("the 2 aircraft")
+    content = regression_to_the_mean(sums)
+    assert content["spurious_reduction_kt"] == pytest.approx(3.0 - -0.5)
+    assert content["rule"].startswith("the 2 aircraft")
     none = DaySums(np.ones((4, 6)), total, np.ones(4, bool), during)
     assert "too few" in regression_to_the_mean(none)["why"]
 

@@ -45,15 +45,15 @@ def test_predicted_and_realised_gains_agree_over_many_fleets():
 
 @pytest.mark.parametrize("corrected", [None, ["N001", "N003"]])
 def test_the_gain_is_that_of_the_corrected_winds(headings, corrected):
-    found = virtual_field_test(
+    test = virtual_field_test(
         headings, learned_until=UNTIL, corrected=corrected, draws=50, **AGAINST
     )
-    group = found["groups"]["corrected"]
+    group = test["groups"]["corrected"]
     fall = group["during_uncorrected_kt"] - group["during_kt"]
-    assert found["realised_gain_kt"] == pytest.approx(fall, abs=1e-9)
-    low, high = found["realised_gain_ci_kt"]
-    assert low < found["realised_gain_kt"] < high
-    names = [entry["aircraft"] for entry in found["by_aircraft"]]
+    assert test["realised_gain_kt"] == pytest.approx(fall, abs=1e-9)
+    low, high = test["realised_gain_ci_kt"]
+    assert low < test["realised_gain_kt"] < high
+    names = [entry["aircraft"] for entry in test["by_aircraft"]]
     assert names == (corrected or headings["aircraft"].to_numpy().tolist())
 
 
@@ -88,39 +88,39 @@ def test_bad_input_is_named(headings, options, words):
 
 
 def test_the_fleet_is_weighted_by_its_reports_and_one_day_has_no_interval(headings):
-    found = virtual_field_test(headings, learned_until=UNTIL, draws=50, **QUICK)
-    entries = found["by_aircraft"]
-    share = np.array([entry["reports"] for entry in entries]) / found["reports"]
+    test = virtual_field_test(headings, learned_until=UNTIL, draws=50, **QUICK)
+    entries = test["by_aircraft"]
+    share = np.array([entry["reports"] for entry in entries]) / test["reports"]
     assert share.sum() == pytest.approx(1.0)
     for name in ("predicted_gain_kt", "realised_gain_kt"):
-        assert found[name] == pytest.approx(share @ [entry[name] for entry in entries])
+        assert test[name] == pytest.approx(share @ [entry[name] for entry in entries])
     # the errors of different aircraft are independent
     errors = share * [entry["predicted_standard_error_kt"] for entry in entries]
-    assert found["predicted_standard_error_kt"] == pytest.approx(np.sqrt((errors**2).sum()))
+    assert test["predicted_standard_error_kt"] == pytest.approx(np.sqrt((errors**2).sum()))
     day = headings["time"].to_numpy().astype("datetime64[D]")
     short = restrict(headings, day <= np.datetime64(UNTIL))
-    found = virtual_field_test(short, learned_until=UNTIL, draws=50, **QUICK)
-    assert np.isfinite(found["realised_gain_kt"])
-    assert np.isnan(found["realised_gain_ci_kt"]).all()
-    assert found["agree"] is None and found["by_aircraft"][0]["agree"] is None
+    test = virtual_field_test(short, learned_until=UNTIL, draws=50, **QUICK)
+    assert np.isfinite(test["realised_gain_kt"])
+    assert np.isnan(test["realised_gain_ci_kt"]).all()
+    assert test["agree"] is None and test["by_aircraft"][0]["agree"] is None
 
 
 def test_a_compass_without_deviation_gains_nothing_when_held_out():
     ds = flown(np.zeros((4, 5)), Setting(aircraft=4, days=30), 5)
     fits = add_tables(fit_deviation(ds, joint=False), ds)
-    found = cross_validate(ds, fits, draws=100, **AGAINST)
+    gains = cross_validate(ds, fits, draws=100, **AGAINST)
     # curves fitted to noise are not published, and one that is gains nothing
     for name in ("realised_gain_kt", "predicted_gain_kt"):
-        assert found[name] is None or found[name] < 0.02
+        assert gains[name] is None or gains[name] < 0.02
 
 
 def test_held_out_days_agree_with_the_prediction(headings):
     fits = add_tables(fit_deviation(headings, joint=False), headings, resolution=1.0)
-    found = cross_validate(headings, fits, draws=100, **AGAINST)
-    assert found["folds"] == 10 and found["agree"]
-    assert found["realised_gain_kt"] > 1.0
+    gains = cross_validate(headings, fits, draws=100, **AGAINST)
+    assert gains["folds"] == 10 and gains["agree"]
+    assert gains["realised_gain_kt"] > 1.0
     ranking = rank_aircraft(headings, fits, **AGAINST)
-    assert cross_validate(headings, fits, ranking=ranking, draws=100, **AGAINST) == found
+    assert cross_validate(headings, fits, ranking=ranking, draws=100, **AGAINST) == gains
 
 
 @pytest.mark.parametrize("joint", [False, True])

@@ -20,16 +20,16 @@ POOLS = {"ruc": ["ruc"], "both": ["ruc", "rr"]}
 def test_innovations_of_compass_points():
     """Reference: 10 m/s from the west (u = 10). A wind from the north-west is veered by 45."""
     half = 10.0 * np.sqrt(0.5)
-    found = innovations(
+    omb = innovations(
         np.array([10.0, half, half, 0.0, 12.0, np.nan]),
         np.array([0.0, -half, half, 0.0, 0.0, 0.0]),
         np.array([10.0, 10.0, 10.0, 10.0, 4.0, 10.0]),
         np.zeros(6),
     )
-    np.testing.assert_allclose(found["direction"][:3], [0.0, 45.0, -45.0], atol=1e-12)
-    np.testing.assert_allclose(found["speed"][:5], [0.0, 0.0, 0.0, -10.0, 8.0], atol=1e-12)
-    assert np.isnan(found["direction"][4])  # the reference wind is too weak
-    assert np.isnan(found["eastward"][5])
+    np.testing.assert_allclose(omb["direction"][:3], [0.0, 45.0, -45.0], atol=1e-12)
+    np.testing.assert_allclose(omb["speed"][:5], [0.0, 0.0, 0.0, -10.0, 8.0], atol=1e-12)
+    assert np.isnan(omb["direction"][4])  # the reference wind is too weak
+    assert np.isnan(omb["eastward"][5])
 
 
 @pytest.fixture
@@ -62,14 +62,14 @@ def test_profiles_are_root_mean_squares_with_errors_by_flight(archive):
     # a report that only the phase removes from the fit counts
     phase_only = headings["screening"].copy(data=np.full(650, SCREENING["phase"]))
     headings["screening"] = headings["screening"].where(np.arange(650) > 100, phase_only)
-    found = error_profiles(headings, corrected, pools=POOLS)
-    cell = found.sel(reference="both", state="reported", flight_phase="cruise").isel(layer=3)
+    profiles = error_profiles(headings, corrected, pools=POOLS)
+    cell = profiles.sel(reference="both", state="reported", flight_phase="cruise").isel(layer=3)
     assert [float(cell[f"layer_{end}_pressure"]) for end in ("bottom", "top")] == [70000, 60000]
     pressure, phase = headings["pressure"], headings["phase"]
     inside = (headings["screening"] != SCREENING["gross_error"]) & (phase == PHASE["cruise"])
     inside &= (pressure <= 70000) & (pressure > 60000)
-    apart = headings["northward_wind"] - headings["reference_northward_wind"].mean("reference")
-    square = (apart**2).to_series()[inside.to_numpy()]
+    difference = headings["northward_wind"] - headings["reference_northward_wind"].mean("reference")
+    square = (difference**2).to_series()[inside.to_numpy()]
     flight = headings["flight"].to_series()[inside.to_numpy()]
     assert int(cell["profile_count"]) == square.size
     assert int(cell["profile_flights"]) == flight.nunique()
@@ -79,32 +79,32 @@ def test_profiles_are_root_mean_squares_with_errors_by_flight(archive):
     variance = (rest**2).sum() / square.size**2 * rest.size / (rest.size - 1)
     expected = np.sqrt(variance) / (2 * rms)
     assert float(cell["northward_rms_standard_error"]) == pytest.approx(expected)
-    assert describe(found)["direction_rms"].attrs["units"] == "degree"
+    assert describe(profiles)["direction_rms"].attrs["units"] == "degree"
 
 
 def test_statistics_are_those_of_numpy(archive):
     headings, corrected = archive
-    found = innovation_statistics(headings, corrected, pools=POOLS)
-    whole = combined(found, ["flight_phase", "layer"])
+    stats = innovation_statistics(headings, corrected, pools=POOLS)
+    by_aircraft = combined(stats, ["flight_phase", "layer"])
     used = (headings["screening"] == 0).to_numpy() & (np.arange(650) < 400)
     difference = (
         headings["eastward_wind"] - headings["reference_eastward_wind"].mean("reference")
     ).to_numpy()[used]
-    cell = whole.sel(aircraft="N1", reference="both", state="reported")
+    cell = by_aircraft.sel(aircraft="N1", reference="both", state="reported")
     rms = np.sqrt((difference**2).mean())
     expected = [used.sum(), difference.mean(), difference.std(ddof=1), rms]
     names = ("count", "bias", "standard_deviation", "rms")
     stated = [float(cell[f"innovation_eastward_{name}"]) for name in names]
     assert stated == pytest.approx(expected)
-    moved = whole["innovation_eastward_bias"].sel(aircraft="N1", reference="both")
-    assert float(moved.sel(state="corrected") - moved.sel(state="reported")) == pytest.approx(0.5)
-    assert np.isnan(whole["innovation_speed_bias"].sel(aircraft="N2")).all()
+    bias = by_aircraft["innovation_eastward_bias"].sel(aircraft="N1", reference="both")
+    assert float(bias.sel(state="corrected") - bias.sel(state="reported")) == pytest.approx(0.5)
+    assert np.isnan(by_aircraft["innovation_speed_bias"].sel(aircraft="N2")).all()
     # days and classes hold the same reports
-    one = found.sel(reference="ruc", state="reported")
-    count = whole["innovation_eastward_count"].sel(reference="ruc", state="reported")
-    assert (one["daily_innovation_count"].sum("day") == count).all()
-    assert int(one["innovation_histogram"].sum()) == int((headings["screening"] == 0).sum())
-    mean = found["daily_innovation_eastward"].weighted(found["daily_innovation_count"]).mean("day")
+    reported = stats.sel(reference="ruc", state="reported")
+    count = by_aircraft["innovation_eastward_count"].sel(reference="ruc", state="reported")
+    assert (reported["daily_innovation_count"].sum("day") == count).all()
+    assert int(reported["innovation_histogram"].sum()) == int((headings["screening"] == 0).sum())
+    mean = stats["daily_innovation_eastward"].weighted(stats["daily_innovation_count"]).mean("day")
     assert float(mean.sel(reference="both", state="reported", aircraft="N1")) == pytest.approx(
         difference.mean()
     )

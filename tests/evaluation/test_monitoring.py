@@ -60,7 +60,7 @@ def test_a_change_agrees_with_the_truth_and_with_the_fits_by_month(changed):
     windows = [entry for entry in fit_by_window(ds, **RUC) if entry["aircraft"] == "N001"]
     for name in "ABC":
         rise = windows[1][name] - windows[0][name]
-        errors = [one[f"{name}_standard_error"] for one in windows]
+        errors = [window[f"{name}_standard_error"] for window in windows]
         error = np.hypot(change["standard_error_deg"][name], np.hypot(*errors))
         assert abs(rise * 30 / 26 - change["change_deg"][name]) < 2.5 * error
 
@@ -70,12 +70,12 @@ def test_routes_that_turn_are_no_change_and_a_change_is():
     change = np.zeros((12, 180, 5))
     change[4, 100:, 1] = 2.0 * np.sqrt(2.0)
     world = World(wrong_curve=0.6)
-    found = watched(world, aircraft=12, days=180, seed=6, change=change).changes
-    assert [len(one["changes"]) for one in found] == [int(k == 4) for k in range(12)]
-    one = found[4]["changes"][0]
-    first, last = np.array(one["date_ci"], dtype="M8[D]").astype(int)
+    entries = watched(world, aircraft=12, days=180, seed=6, change=change).changes
+    assert [len(entry["changes"]) for entry in entries] == [int(k == 4) for k in range(12)]
+    entry = entries[4]["changes"][0]
+    first, last = np.array(entry["date_ci"], dtype="M8[D]").astype(int)
     assert first <= 100 <= last and last - first <= 6
-    assert abs(one["change_deg"]["B"] - 2.0 * np.sqrt(2.0)) < 0.5
+    assert abs(entry["change_deg"]["B"] - 2.0 * np.sqrt(2.0)) < 0.5
 
 
 def test_two_changes_of_one_compass_are_both_stated():
@@ -84,17 +84,17 @@ def test_two_changes_of_one_compass_are_both_stated():
     step[0, 1] = 3.0
     ds = with_change(4, setting, day=30, until=60, change=step)
     entries = watch_compasses(ds, members=["ruc"]).changes
-    assert [days(one["date"]) for one in entries[0]["changes"]] == pytest.approx([30, 60], abs=2)
+    assert [days(step["date"]) for step in entries[0]["changes"]] == pytest.approx([30, 60], abs=2)
     assert entries[1]["changes"] == []
 
 
 def test_a_fit_whose_period_contains_a_change_says_so(changed):
     ds, entries = changed
-    plain = fit_deviation(ds)
-    fits = add_changes(plain, entries)
+    single = fit_deviation(ds)
+    fits = add_changes(single, entries)
     assert noted_changes(fits) == entries
     with pytest.raises(InputError, match="no test of the compasses for changes"):
-        noted_changes(plain)
+        noted_changes(single)
     assert fits["change_count"].to_numpy().tolist() == [0, 1, 0]
     assert np.isnat(fits["change_date"].to_numpy()).tolist() == [True, False, True]
     assert fits["change_date_low"][1] <= fits["change_date"][1] <= fits["change_date_high"][1]
@@ -102,7 +102,7 @@ def test_a_fit_whose_period_contains_a_change_says_so(changed):
     lines = change_warnings(fits)
     assert len(lines) == 1
     assert all(word in lines[0] for word in ("N001", "2008-08-05", "covers both states"))
-    assert change_warnings(plain) == []
+    assert change_warnings(single) == []
 
 
 def test_too_few_days_have_no_p_value():
@@ -117,12 +117,12 @@ def test_too_few_days_have_no_p_value():
 )
 def test_windows_are_those_of_the_calendar_and_state_their_reports(changed, window, firsts):
     ds, _ = changed
-    found = fit_by_window(ds, **RUC, window=window, min_reports=1_000_000)
-    entries = [entry for entry in found if entry["aircraft"] == "N001"]
+    windows = fit_by_window(ds, **RUC, window=window, min_reports=1_000_000)
+    entries = [entry for entry in windows if entry["aircraft"] == "N001"]
     assert [entry["window"] for entry in entries] == firsts
     assert sum(entry["reports"] for entry in entries) == ds.sizes["report"] // 3
-    assert {entry["status"] for entry in found} == {"too_few_reports"}
-    assert all("offset" not in entry for entry in found)
+    assert {entry["status"] for entry in windows} == {"too_few_reports"}
+    assert all("offset" not in entry for entry in windows)
 
 
 # --- the sequential test ----------------------------------------------------------------------
@@ -204,9 +204,9 @@ def test_an_event_is_reported_once_also_when_later_days_come_in(stepped, tmp_pat
     assert before.events == [] and before.until == "2008-08-07"
     first = find_events(ds, fits, previous=before, until="2008-08-11")
     assert [event.aircraft for event in first.new_events] == ["N002"]
-    kept = read_events(write_events(first, tmp_path / "events.json"))
-    assert kept == first
-    second = find_events(ds, fits, previous=kept)
+    stored = read_events(write_events(first, tmp_path / "events.json"))
+    assert stored == first
+    second = find_events(ds, fits, previous=stored)
     assert second.new_events == [] and second.events == first.events
 
 
@@ -232,11 +232,11 @@ def test_a_table_on_board_that_is_off_is_reported(stepped, monitored, tmp_path):
     mine, now = read["N004"], np.array(monitored.states[4].table_now.correction_deg)
     np.testing.assert_allclose(mine.correction_deg, now, atol=5e-4)
     off = replace(mine, correction_deg=[c + 1.5 for c in mine.correction_deg])
-    found = find_events(ds, fits, tables_in_use=read | {"N004": off})
-    assert found.differing == ["N004"]
-    assert found.states[4].table_difference_deg == pytest.approx(1.5, abs=1e-3)
+    monitoring = find_events(ds, fits, tables_in_use=read | {"N004": off})
+    assert monitoring.differing == ["N004"]
+    assert monitoring.states[4].table_difference_deg == pytest.approx(1.5, abs=1e-3)
     # the table first seen stays in use until another is named
-    later = find_events(ds, fits, previous=found)
+    later = find_events(ds, fits, previous=monitoring)
     assert later.differing == ["N004"]
     path.write_text(path.read_text().replace("subtract_error", "add_error"))
     turned = read_tables(path, reference="ruc")["N004"]
@@ -252,12 +252,12 @@ def test_winds_that_grow_worse_are_reported_and_corrected_winds_are_what_counts(
     worse = (aircraft_of_report(ds) == 1) & (ds["time"].to_numpy() >= np.datetime64("2008-08-03"))
     noise = np.random.default_rng(2).normal(0, 6.0, worse.size) * worse
     ds = ds.assign(northward_wind=("report", ds["northward_wind"].to_numpy() + noise))
-    found = find_events(ds, fits, corrected=correct(ds, fits, reference="ruc"))
-    (event,) = found.events
+    monitoring = find_events(ds, fits, corrected=correct(ds, fits, reference="ruc"))
+    (event,) = monitoring.events
     assert (event.kind, event.aircraft) == ("disagreement_rose", "N001")
-    assert found.events[0].evidence["factor"] > 1.5
-    assert found.states[1].disagreement_kt > 1.5 * found.states[1].past_disagreement_kt
-    assert found.states[3].disagreement_kt < find_events(ds, fits).states[3].disagreement_kt
+    assert monitoring.events[0].evidence["factor"] > 1.5
+    assert monitoring.states[1].disagreement_kt > 1.5 * monitoring.states[1].past_disagreement_kt
+    assert monitoring.states[3].disagreement_kt < find_events(ds, fits).states[3].disagreement_kt
 
 
 def test_aircraft_that_come_and_go():
@@ -265,17 +265,17 @@ def test_aircraft_that_come_and_go():
     day, who = day_number(ds), aircraft_of_report(ds)
     kept = ~((who == 0) & (day < 30)) & ~((who == 5) & (day > 33))
     ds = some_reports(ds, kept)
-    fits, found = fitted(ds), None
+    fits, previous = fitted(ds), None
     for until, event in (
         ("2008-08-08", ("aircraft_new", "N000", "2008-07-31")),
         (None, ("aircraft_silent", "N005", "2008-08-04")),
     ):
-        found = find_events(ds, fits, previous=found, until=until)
-        assert [(e.kind, e.aircraft, e.date) for e in found.new_events] == [event]
-    assert [state.silent for state in found.states] == [False] * 5 + [True]
+        previous = find_events(ds, fits, previous=previous, until=until)
+        assert [(e.kind, e.aircraft, e.date) for e in previous.new_events] == [event]
+    assert [state.silent for state in previous.states] == [False] * 5 + [True]
     alone = some_reports(ds, (who != 2)[kept])
-    known = find_events(alone, fits)
-    assert [e.aircraft for e in find_events(ds, fits, previous=known).new_events] == ["N002"]
+    first = find_events(alone, fits)
+    assert [e.aircraft for e in find_events(ds, fits, previous=first).new_events] == ["N002"]
 
 
 def test_a_second_change_soon_after_the_first_is_reported(stepped, monitored):
@@ -297,9 +297,9 @@ def test_reports_that_were_all_left_out_are_days_without_a_wind():
     ds, _ = fleet(7, replace(SMALL, aircraft=2, days=12), amplitude=2.0)
     fits = fitted(ds)
     none = ds.assign(screening=("report", np.full(ds.sizes["report"], 2, np.int32)))
-    found = find_events(none, fits)
-    assert found.events == [] and found.states[0].disagreement_kt is None
-    assert found.states[0].last_day == "2008-07-12"
+    monitoring = find_events(none, fits)
+    assert monitoring.events == [] and monitoring.states[0].disagreement_kt is None
+    assert monitoring.states[0].last_day == "2008-07-12"
     with pytest.raises(InputError, match="no report to monitor"):
         find_events(none, fits, until="2008-06-01")
 

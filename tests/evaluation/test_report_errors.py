@@ -77,41 +77,41 @@ def made(seed, *, days=30, aircraft=8, references=(("a", 2.0),), shared=0.0, siz
     return headings, ragged(right, sizes), error
 
 
-def fleet_error(found, state="corrected"):
-    return found["fleet_observation_error"].sel(state=state).item()
+def fleet_error(errors, state="corrected"):
+    return errors["fleet_observation_error"].sel(state=state).item()
 
 
-def by_hat(found):
+def by_hat(errors):
     way = {"way": "three_cornered_hat", "state": "corrected"}
-    return found["fleet_observation_error_by_method"].sel(way).item()
+    return errors["fleet_observation_error_by_method"].sel(way).item()
 
 
 def test_one_reference_and_neighbours():
     headings, corrected, reported = made(3)
-    found = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
-    assert found.attrs["method"] == "separation"
-    before, after = found["fleet_observation_error"].to_numpy()
+    errors = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
+    assert errors.attrs["method"] == "separation"
+    before, after = errors["fleet_observation_error"].to_numpy()
     assert after == pytest.approx(0.5, rel=0.1)
     assert before == pytest.approx(reported, rel=0.05)
-    low, high = found["fleet_observation_error_interval"].sel(state="corrected").to_numpy()
+    low, high = errors["fleet_observation_error_interval"].sel(state="corrected").to_numpy()
     assert low < 0.5 < high and high - low < 0.2
-    gain = found["fleet_weight_gain"].item()
+    gain = errors["fleet_weight_gain"].item()
     assert gain == pytest.approx((before / after) ** 2)
-    assert np.isnan(by_hat(found))
-    cell = found["observation_error"].sel(flight_phase="cruise", state="corrected").to_numpy()
+    assert np.isnan(by_hat(errors))
+    cell = errors["observation_error"].sel(flight_phase="cruise", state="corrected").to_numpy()
     assert np.isfinite(cell).sum() == 1 and cell[5] == pytest.approx(after, rel=1e-6)
-    filled = found["observation_error_filled"].sel(state="corrected").to_numpy()
+    filled = errors["observation_error_filled"].sel(state="corrected").to_numpy()
     assert np.isfinite(filled).all() and filled[1, 0] == pytest.approx(after)
 
 
 def test_two_references_of_independent_error_make_a_hat():
     headings, corrected, reported = made(5, references=(("a", 2.0), ("b", 1.5)), far=True, days=60)
     pools = {"a": ["a"], "b": ["b"], "a+b": ["a", "b"]}
-    found = observation_errors(headings, corrected, pools=pools, reference="a+b")
-    assert found.attrs["method"] == "three_cornered_hat"
-    assert "too few neighbours" in found.attrs["method_reason"]
-    before, after = found["fleet_observation_error"].to_numpy()
-    low, high = found["fleet_observation_error_interval"].sel(state="corrected").to_numpy()
+    errors = observation_errors(headings, corrected, pools=pools, reference="a+b")
+    assert errors.attrs["method"] == "three_cornered_hat"
+    assert "too few neighbours" in errors.attrs["method_reason"]
+    before, after = errors["fleet_observation_error"].to_numpy()
+    low, high = errors["fleet_observation_error_interval"].sel(state="corrected").to_numpy()
     assert low < 0.5 < high and after < 0.8
     assert before == pytest.approx(reported, rel=0.1)
 
@@ -119,24 +119,24 @@ def test_two_references_of_independent_error_make_a_hat():
 def test_references_with_correlated_errors_are_recognised():
     headings, corrected, _ = made(7, references=(("a", 1.5), ("b", 1.5)), shared=1.0, days=40)
     pools = {"a": ["a"], "b": ["b"], "a+b": ["a", "b"]}
-    found = observation_errors(headings, corrected, pools=pools, reference="a+b")
-    assert found.attrs["method"] == "separation"
-    assert fleet_error(found) == pytest.approx(0.5, rel=0.12)
-    assert by_hat(found) > 0.9
-    low, high = found["reference_error_covariance_interval"].to_numpy()
-    covariance = found["reference_error_covariance"].item()
+    errors = observation_errors(headings, corrected, pools=pools, reference="a+b")
+    assert errors.attrs["method"] == "separation"
+    assert fleet_error(errors) == pytest.approx(0.5, rel=0.12)
+    assert by_hat(errors) > 0.9
+    low, high = errors["reference_error_covariance_interval"].to_numpy()
+    covariance = errors["reference_error_covariance"].item()
     assert 0.3 < low < covariance < high < 2.0
     options = {"pools": pools, "reference": "a+b", "covariance": covariance}
     assumed = observation_errors(headings, corrected, **options)
-    assert by_hat(assumed) == pytest.approx(fleet_error(found), rel=1e-6)
+    assert by_hat(assumed) == pytest.approx(fleet_error(errors), rel=1e-6)
 
 
 def test_one_day_of_one_reference_has_no_error_and_a_reason(tmp_path):
     headings, corrected, _ = made(1, days=1)
-    found = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
-    assert found.attrs["method"] == ""
-    assert bool(found["observation_error"].isnull().all())
-    assert "could not be determined" in report_errors_section(found, Figures()).lead
+    errors = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
+    assert errors.attrs["method"] == ""
+    assert bool(errors["observation_error"].isnull().all())
+    assert "could not be determined" in report_errors_section(errors, Figures()).lead
 
 
 def test_what_could_not_be_corrected_does_not_count():
@@ -144,16 +144,16 @@ def test_what_could_not_be_corrected_does_not_count():
     applied = np.zeros(headings.sizes["report"], dtype=np.int8)
     applied[: headings["row_size"].to_numpy()[0]] = 1
     corrected["correction_applied"] = ("report", applied)
-    found = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
-    errors = found["aircraft_observation_error"].sel(state="corrected").to_numpy()
+    estimate = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
+    errors = estimate["aircraft_observation_error"].sel(state="corrected").to_numpy()
     assert np.isnan(errors[0]) and np.isfinite(errors[1:]).all()
-    assert int(found["observation_count"].sel(flight_phase="all").sum()) == (applied == 0).sum()
+    assert int(estimate["observation_count"].sel(flight_phase="all").sum()) == (applied == 0).sum()
 
 
 def test_a_model_error_that_lasts_is_in_the_interval_of_reported_winds():
     """Days alone cannot see it: each aircraft's product with it is the same every day."""
     rng = np.random.default_rng(5)
-    held = {"days": 0, "both": 0}
+    covered = {"days": 0, "both": 0}
     for _ in range(60):
         change = np.repeat(rng.normal(0, 3.0, (12, 1)), 40, axis=1)
         lasting = np.repeat(rng.normal(0, 1.0, (12, 1)), 40, axis=1)  # where it flies
@@ -164,24 +164,24 @@ def test_a_model_error_that_lasts_is_in_the_interval_of_reported_winds():
         draws = added_variance(key, *columns, weights, cells=1, seed=0)[:, 0]
         true = 0.5 * (change**2).mean()
         low, high = interval(widened(draws, 40)[1:])
-        held["both"] += low <= true <= high
+        covered["both"] += low <= true <= high
         by_day = (weights - 1.0) @ (crossed.sum(axis=0) - crossed.mean() * 12) / crossed.size
         low, high = interval(widened(draws[0] + by_day, 40)[1:])
-        held["days"] += low <= true <= high
-    assert held["both"] >= 54  # 90 % of 60
-    assert held["days"] < 30
+        covered["days"] += low <= true <= high
+    assert covered["both"] >= 54  # 90 % of 60
+    assert covered["days"] < 30
 
 
 def test_a_simulated_archive_against_its_truth(tmp_path):
     headings, corrected, frame = archive.archive(11, days=16, aircraft=12)
-    found = observation_errors(headings, corrected, pools=archive.POOLS, reference="ruc+rtfdaa")
+    errors = observation_errors(headings, corrected, pools=archive.POOLS, reference="ruc+rtfdaa")
     for state in ("reported", "corrected"):
         true, _ = archive.truth(headings, corrected, frame, state)
-        assert fleet_error(found, state) == pytest.approx(true, rel=0.1)
-        low, high = found["fleet_observation_error_interval"].sel(state=state).to_numpy()
+        assert fleet_error(errors, state) == pytest.approx(true, rel=0.1)
+        low, high = errors["fleet_observation_error_interval"].sel(state=state).to_numpy()
         assert low < true < high
-    assert found.attrs["method"] == "separation"
-    write_product(found, tmp_path / "observation_errors.nc", title="errors")
+    assert errors.attrs["method"] == "separation"
+    write_product(errors, tmp_path / "observation_errors.nc", title="errors")
     product = read_product(tmp_path / "observation_errors.nc")
     assert product["observation_error"].dims == ("flight_phase", "layer", "state")
     assert product["observation_error"].attrs["units"] == "m s-1"

@@ -45,8 +45,8 @@ def test_clustered_mean_agrees_with_a_loop_and_parts_add_up():
     assert np.isnan(mean[3]) and np.isnan(error[3])
     cut = int(np.searchsorted(flight, 9))
     parts = [
-        cluster_sums(value[part], group[part], flight[part], 4)
-        for part in (slice(cut), slice(cut, None))
+        cluster_sums(value[rows], group[rows], flight[rows], 4)
+        for rows in (slice(cut), slice(cut, None))
     ]
     np.testing.assert_allclose(parts[0] + parts[1], sums, rtol=1e-12)
 
@@ -60,8 +60,8 @@ def test_the_permutation_test_has_its_size_however_the_aircraft_were_chosen(chos
         corrected = np.zeros(36, dtype=bool)
         order = rng.permutation(36) if chosen == "at random" else np.argsort(-before)
         corrected[order[:19]] = True
-        found = permutation_test(-during, corrected, covariate=before, draws=199, seed=seed)
-        rejected += found[1] <= 0.05
+        result = permutation_test(-during, corrected, covariate=before, draws=199, seed=seed)
+        rejected += result[1] <= 0.05
     assert 0.025 <= rejected / repeats <= 0.08
 
 

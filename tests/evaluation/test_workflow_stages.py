@@ -34,8 +34,8 @@ def headings():
 
 @pytest.fixture(scope="module")
 def fits(headings):
-    found = add_tables(fit_deviation(headings), headings)
-    return add_changes(found, watch_compasses(headings, members=["ruc"]).changes)
+    tables = add_tables(fit_deviation(headings), headings)
+    return add_changes(tables, watch_compasses(headings, members=["ruc"]).changes)
 
 
 def job_in(output, **sections):
@@ -59,7 +59,7 @@ def test_every_shipped_configuration_is_valid(path):
 @pytest.mark.parametrize("name", ["ruc_rr", "rtfdaa", "pooled", "field_test_2009"])
 def test_the_cases_of_the_paper_are_there(name):
     config = load_config(ROOT / "configs" / f"{name}.yaml")
-    assert all(one.lead == ">= 1 h" for one in config.references.values())
+    assert all(reference.lead == ">= 1 h" for reference in config.references.values())
     assert all("nam" not in members for members in config.pool.values())
     if name == "field_test_2009":
         assert config.field_test.start == date(2009, 10, 20)
@@ -101,10 +101,10 @@ def test_the_ranking_is_a_table_a_spreadsheet_reads(job, headings):
 
 def test_the_virtual_field_test_is_a_product_and_says_why_where_it_cannot_be(job, headings, fits):
     ranking = stages.make_ranking(job, headings, fits)
-    found = stages.make_virtual(job, headings, fits, ranking)
-    assert found["later"]["learned_until"] == "2008-07-27"  # two thirds of the days
-    assert found["held_out"]["folds"] == 10
-    assert abs(found["later"]["difference_kt"]) < 1.5
+    content = stages.make_virtual(job, headings, fits, ranking)
+    assert content["later"]["learned_until"] == "2008-07-27"  # two thirds of the days
+    assert content["held_out"]["folds"] == 10
+    assert abs(content["later"]["difference_kt"]) < 1.5
     assert json.loads((job.output / "virtual_field_test.json").read_text())["held_out"]["agree"]
     none = headings.assign(screening=("report", np.ones(headings.sizes["report"], np.int32)))
     assert "no screened report" in stages.make_virtual(job, none, fits, ranking)["later"]["why"]
@@ -121,9 +121,9 @@ def test_monitoring_reads_the_products_and_reports_events_once(tmp_path, heading
         (tmp_path / "board.csv").write_text(table)
     write_product(headings, job.output / "headings/2008-07.nc", title="headings", **MADE)
     assert not (job.output / "events.json").exists()
-    found = make_monitoring(job)
-    assert found == read_events(job.output / "events.json")
-    assert found.differing == ["N001"] and "another table for: N001" in found.text
+    monitoring = make_monitoring(job)
+    assert monitoring == read_events(job.output / "events.json")
+    assert monitoring.differing == ["N001"] and "another table for: N001" in monitoring.text
     assert (job.output / "report" / "monitoring.html").exists()
     assert make_monitoring(job).new_events == []
 
@@ -137,17 +137,17 @@ def test_after_a_change_the_table_is_that_of_the_reports_since(tmp_path):
     job = job_in(tmp_path)
     write_product(mixed, job.output / "fits.nc", title="fits", **MADE)
     write_product(headings, job.output / "headings/2008-07.nc", title="headings", **MADE)
-    found = make_monitoring(job)
-    (event,) = found.new_events
+    monitoring = make_monitoring(job)
+    (event,) = monitoring.new_events
     assert (event.kind, event.aircraft) == ("compass_changed", "N002")
     before = tables_of(mixed.isel(reference=0))
     assert "N002" not in before  # refused: the halves of the period disagree
     late = headings["time"].to_numpy() >= np.datetime64(event.evidence["date_ci"][1])
     since = some_reports(headings, late)
     now = tables_of(add_tables(fit_deviation(since), since).isel(reference=0))
-    assert tables_differ(found.states[2].table_now, now["N002"])[1] < 0.3
-    assert found.states[3].table_now == before["N003"]
+    assert tables_differ(monitoring.states[2].table_now, now["N002"])[1] < 0.3
+    assert monitoring.states[3].table_now == before["N003"]
     # stopped before the line was printed: it is reported again, until it was
     assert make_monitoring(job).new_events == [event]
-    events_said(job, len(found.events))
+    events_said(job, len(monitoring.events))
     assert make_monitoring(job).new_events == []

@@ -159,9 +159,9 @@ def test_every_report_is_understood(tmp_path_factory, reports, tail, platform, t
     path = tmp_path_factory.mktemp("export") / "file"
     result = export(ds, to=to, path=path, settings=Handover(platform=platform))
     assert result["reports"] == result["levels"] == len(reports) and not result["left_out"]
-    found = understood(to, path)
-    assert to != "ob_ascii" or found["seconds"].is_monotonic_increasing
-    assert_agree(found, expected(ds), to)
+    table = understood(to, path)
+    assert to != "ob_ascii" or table["seconds"].is_monotonic_increasing
+    assert_agree(table, expected(ds), to)
 
 
 BAD = {
@@ -211,9 +211,9 @@ def test_pressure_altitude_replaces_a_missing_pressure_and_bad_temperatures_are_
     )
     ds["pressure_altitude"] = ("report", np.array([5574.44, 7185.4, 0.0]))
     export(ds, to=to, path=tmp_path / "f")
-    found = understood(to, tmp_path / "f")
-    np.testing.assert_allclose(found["p"], [50000.0, 40000.0, 50000.0], atol=1.0)
-    np.testing.assert_allclose(found["t"], [-888888.0, -888888.0, 258.15], atol=1e-3)
+    table = understood(to, tmp_path / "f")
+    np.testing.assert_allclose(table["p"], [50000.0, 40000.0, 50000.0], atol=1.0)
+    np.testing.assert_allclose(table["t"], [-888888.0, -888888.0, 258.15], atol=1e-3)
 
 
 def profile(pressure, *, phase="ascent", **columns):
@@ -242,11 +242,11 @@ def test_ascents_and_descents_are_joined(tmp_path, to):
     )
     result = export(ds, to=to, path=tmp_path / "f", soundings=True)
     assert result["levels"] == 38 and result["reports"] == 2 * (2 + 4)
-    found = understood(to, tmp_path / "f").sort_values("u")
-    assert found["u"].round().tolist() == list(range(-20, 18))
-    np.testing.assert_allclose(found["p"], pressure * 2, atol=1e-2)
+    table = understood(to, tmp_path / "f").sort_values("u")
+    assert table["u"].round().tolist() == list(range(-20, 18))
+    np.testing.assert_allclose(table["p"], pressure * 2, atol=1e-2)
     middle = ds["time"].to_numpy()[3].astype("M8[s]").astype(int)
-    assert (found["seconds"][:8] == middle).sum() == 7
+    assert (table["seconds"][:8] == middle).sum() == 7
 
 
 @pytest.mark.parametrize(
@@ -294,9 +294,9 @@ def test_products_by_month_are_exported_as_one(tmp_path, to):
     )
     later = ds["flight"].to_numpy() % 4 >= 2  # a flight belongs to the month of its first report
     for month, chosen in (("2008-12", ~later), ("2009-01", later)):
-        part = ds.isel(report=np.flatnonzero(chosen))
-        part["row_size"] = ("aircraft", np.array([100, 100], dtype=np.int32))
-        write_product(part, tmp_path / "corrected" / f"{month}.nc", title="test")
+        month_ds = ds.isel(report=np.flatnonzero(chosen))
+        month_ds["row_size"] = ("aircraft", np.array([100, 100], dtype=np.int32))
+        write_product(month_ds, tmp_path / "corrected" / f"{month}.nc", title="test")
     write_product(ds, tmp_path / "whole.nc", title="test")
     export(tmp_path / "whole.nc", to=to, path=tmp_path / "whole", soundings=True)
     export(tmp_path / "corrected", to=to, path=tmp_path / "months", soundings=True)
@@ -326,10 +326,10 @@ def test_the_platform_follows_the_source(tmp_path, platform, code):
     ds = corrected({"N1": 1, "N2": 1}).assign(platform=("aircraft", codes))
     export(ds, to="ob_ascii", path=tmp_path / "f")
     read = wrfda.read((tmp_path / "f").read_text())[0]
-    assert [one["platform"] for one in read] == [code, "FM-97 ACARS "]
+    assert [record["platform"] for record in read] == [code, "FM-97 ACARS "]
     export(ds.drop_vars("platform"), to="ob_ascii", path=tmp_path / "g")
     read = wrfda.read((tmp_path / "g").read_text())[0]
-    assert {one["platform"] for one in read} == {"FM-101 TAMDA"}
+    assert {record["platform"] for record in read} == {"FM-101 TAMDA"}
 
 
 @pytest.mark.parametrize("to", FORMATS)

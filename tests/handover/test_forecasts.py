@@ -103,9 +103,9 @@ def test_nothing_observed_after_the_start_is_used():
         at = {"lead": index, TIME: slice(None, start + 1)}
         np.testing.assert_array_equal(bias[0].isel(at), bias[1].isel(at))
         # And the last error that is known is used.
-        known = errors.copy()
-        known[0, np.flatnonzero(~unknown & (np.arange(40) < start))[-1], index] += 100.0
-        changed = correct_forecasts(pairs(known, leads=leads), ratio=0.1)
+        complete = errors.copy()
+        complete[0, np.flatnonzero(~unknown & (np.arange(40) < start))[-1], index] += 100.0
+        changed = correct_forecasts(pairs(complete, leads=leads), ratio=0.1)
         moved = changed["forecast"] - changed["corrected_forecast"]
         assert float(moved.isel({"lead": index, TIME: start}).squeeze()) > 5.0
 
@@ -114,10 +114,10 @@ def test_a_variable_the_filter_would_make_worse_is_unchanged(tmp_path):
     rng = np.random.default_rng(4)
     noise = pairs(rng.normal(size=(1, 60, 1)))
     biased = pairs(rng.normal(size=(1, 60, 1)) + 2.0, variable="wind_speed")
-    found = correct_forecasts(xr.concat([noise, biased], "variable"))
-    assert found["ratio"].to_numpy()[0] == 0.0 < found["ratio"].to_numpy()[1]
-    assert found["ratio_chosen"].to_numpy().tolist() == [1, 1]
-    left, taken = (found.isel(variable=k) for k in (0, 1))
+    result = correct_forecasts(xr.concat([noise, biased], "variable"))
+    assert result["ratio"].to_numpy()[0] == 0.0 < result["ratio"].to_numpy()[1]
+    assert result["ratio_chosen"].to_numpy().tolist() == [1, 1]
+    left, taken = (result.isel(variable=k) for k in (0, 1))
     np.testing.assert_array_equal(left["corrected_forecast"], left["forecast"])
     judged = taken.isel({TIME: slice(30, None)})
     error = judged["corrected_forecast"] - judged["observation"]
@@ -156,10 +156,10 @@ def test_scores_of_stations_have_intervals_by_days():
     skill = one["skill_by_station"].to_numpy()
     assert ((low <= skill) & (skill <= high))[:3].all() and np.isnan(low[3])
     assert low[0] > 0.9 and high[1] < 0.0
-    found = station_distribution(scored, "air_temperature", "kalman")
-    assert found["stations"] == 3 and found["worst_station"] == f"S{skill[:3].argmin()}"
-    assert found["surely_better"] == pytest.approx(1 / 3) and found["surely_worse"] >= 1 / 3
-    assert found["rms_ratio_quantiles"][-1] == pytest.approx(np.sqrt(1.0 - skill[:3].min()))
+    stations = station_distribution(scored, "air_temperature", "kalman")
+    assert stations["stations"] == 3 and stations["worst_station"] == f"S{skill[:3].argmin()}"
+    assert stations["surely_better"] == pytest.approx(1 / 3) and stations["surely_worse"] >= 1 / 3
+    assert stations["rms_ratio_quantiles"][-1] == pytest.approx(np.sqrt(1.0 - skill[:3].min()))
     # The interval of a single station is that of all pairs where there is one station.
     alone = score_forecasts(made.isel(station=[0]))
     whole = alone["skill_interval"].sel(period="held_out", correction="kalman")[0]
@@ -207,8 +207,8 @@ def test_grib_forecasts_meet_observations(wrf, tmp_path):
         "ORD,41.98,-87.9,2005-08-07T20:00:00Z,20,900,10\n"
         "NRT,35.76,140.4,2005-08-07T12:00:00Z,25,3,90\n"
     )
-    found = pairs_at_stations(wrf, [stations])
-    at = found["observation"].sel(station="ORD")
+    ds = pairs_at_stations(wrf, [stations])
+    at = ds["observation"].sel(station="ORD")
     for expected, variable, lead, start in (
         (293.15, "air_temperature", 12.0, 0),
         (5 * 1852 / 3600, "eastward_wind", 12.0, 0),
@@ -220,7 +220,7 @@ def test_grib_forecasts_meet_observations(wrf, tmp_path):
     ):
         one = at.isel({TIME: start}).sel(variable=variable, lead=lead).item()
         assert one == pytest.approx(expected, nan_ok=True), (variable, lead)
-    output = found.attrs["lines_left_out"]
+    output = ds.attrs["lines_left_out"]
     assert output["stations without a forecast: NRT"] == 1
     assert output["wind_speed out of range"] == 1
 
@@ -254,11 +254,11 @@ def test_bad_lines_are_counted_and_others_kept(tmp_path):
         "A;2009-01-02 12:00;12\n"
         "A;20090104;24;283;nan;T;K\n"
     )
-    found = pairs_from_tables([file])
-    days = found[TIME].to_numpy().astype("datetime64[D]").astype(str)
+    ds = pairs_from_tables([file])
+    days = ds[TIME].to_numpy().astype("datetime64[D]").astype(str)
     assert days.tolist() == ["2009-01-01", "2009-01-03"]
-    assert found["forecast"].isel({TIME: 0, "lead": 0}).item() == 282.0
-    assert sum(found.attrs["lines_left_out"].values()) == 3
+    assert ds["forecast"].isel({TIME: 0, "lead": 0}).item() == 282.0
+    assert sum(ds.attrs["lines_left_out"].values()) == 3
 
 
 def test_a_configuration_needs_a_source(tmp_path):
@@ -314,16 +314,16 @@ def test_series_one_by_one():
     errors[rng.uniform(size=errors.shape) < 0.2] = np.nan
     errors[0, 0] = np.nan
     ratio = np.array([0.02, 0.06, 0.4])
-    found = kalman_bias(errors, ratio)
+    bias = kalman_bias(errors, ratio)
     for place in np.ndindex(5, 3):
         wanted = by_hand(errors[place].tolist(), ratio[place[1]])
-        np.testing.assert_allclose(found[place], wanted, rtol=1e-12)
+        np.testing.assert_allclose(bias[place], wanted, rtol=1e-12)
 
 
 def test_running_mean_by_hand():
     errors = np.array([1.0, np.nan, 3.0, 5.0, np.nan, np.nan, np.nan])
-    found = running_mean(errors, 3)
-    np.testing.assert_allclose(found, [1.0, 1.0, 2.0, 4.0, 4.0, 5.0, np.nan])
+    mean = running_mean(errors, 3)
+    np.testing.assert_allclose(mean, [1.0, 1.0, 2.0, 4.0, 4.0, 5.0, np.nan])
 
 
 # --- winds at flight levels -------------------------------------------------------------------
@@ -347,11 +347,11 @@ def archive(days, bias, *, count=12):
 
 def test_boxes_by_hand():
     headings, ds = archive(3, 2.0)
-    found = flight_level_pairs(headings, ds, ["ruc"], region=5.0, fewest=6)
-    assert found.sizes == {"variable": 2, "station": 2, TIME: 3, "lead": 1}
-    chosen = found.sel(station="0450_hPa_42.5N_92.5W", variable="eastward_wind")
-    np.testing.assert_allclose(chosen["forecast"] - chosen["observation"], 2.0)
-    assert chosen["pressure"].item() == 45_000.0
-    assert (chosen["latitude"].item(), chosen["longitude"].item()) == (42.5, -92.5)
-    other = found.sel(station="0450_hPa_2.5S_177.5E", variable="eastward_wind")
+    result = flight_level_pairs(headings, ds, ["ruc"], region=5.0, fewest=6)
+    assert result.sizes == {"variable": 2, "station": 2, TIME: 3, "lead": 1}
+    east = result.sel(station="0450_hPa_42.5N_92.5W", variable="eastward_wind")
+    np.testing.assert_allclose(east["forecast"] - east["observation"], 2.0)
+    assert east["pressure"].item() == 45_000.0
+    assert (east["latitude"].item(), east["longitude"].item()) == (42.5, -92.5)
+    other = result.sel(station="0450_hPa_2.5S_177.5E", variable="eastward_wind")
     np.testing.assert_allclose(other["forecast"], other["observation"])

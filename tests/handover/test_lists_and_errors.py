@@ -38,7 +38,7 @@ def run(folder, fleet, *, pressure=50000.0):
     degrees = np.repeat(np.array([*fleet.values()], float), 300, axis=0).T
     names = ("eastward_wind", "northward_wind")
     names = (*names, *(f"corrected_{name}" for name in names))
-    winds = dict(zip(names, np.concatenate([turned(part) for part in degrees]), strict=True))
+    winds = dict(zip(names, np.concatenate([turned(degree) for degree in degrees]), strict=True))
     ds = corrected(dict.fromkeys(fleet, 300), pressure=pressure, **winds)
     seconds = np.tile(np.arange(300) * 288, len(fleet)) * np.timedelta64(1, "s")
     ds["time"] = ("report", np.datetime64("2008-07-15", "ns") + seconds)
@@ -124,13 +124,13 @@ def test_a_turboprop_comes_off_the_real_list(real, tmp_path):
     before, after = real(LIST).read_bytes().splitlines(), after.splitlines()
     assert after == [line for line in before if not line.startswith(b"00000566")]
     off = done["taken_off"][0]
-    assert [one["aircraft"] for one in done["taken_off"]] == ["00000566"]
+    assert [entry["aircraft"] for entry in done["taken_off"]] == ["00000566"]
     assert off["reported"]["bias_DIR"] == pytest.approx(9.0, abs=0.01)
     assert off["reported"]["rms_W"] == pytest.approx(40.0 * np.sin(np.radians(4.5)), abs=0.01)
     assert off["reported_fails"] == ["bias_DIR"] and off["corrected_fails"] == []
     assert off["winds_a_day"] == pytest.approx(300.0, rel=0.01)
     assert done["winds_a_day_gained"] == off["winds_a_day"]
-    why = {one["aircraft"]: one["why"] for one in done["stay"]}
+    why = {entry["aircraft"]: entry["why"] for entry in done["stay"]}
     assert "corrected winds fail too: bias_DIR 8.0" in why["00000784"]
     assert "resrch_T_W_R" in why["00000506"] and "md88_W" in why["N921DL"]
     assert why["00000808"] == "not in the archive"
@@ -157,9 +157,9 @@ def test_other_lines_are_unchanged_and_blank_identifiers_are_filled(tmp_path):
     assert after[0] == "00000752  T - - 9999 --------" + rows[1][29:]
     assert after[1] == "00000753  - W -      --------\n"
     assert after[2:] == rows[3:]
-    off = {one["aircraft"]: one["still_rejected"] for one in done["taken_off"]}
+    off = {entry["aircraft"]: entry["still_rejected"] for entry in done["taken_off"]}
     assert off == {"00000751": "", "00000752": "T"}
-    why = {one["aircraft"]: one["why"] for one in done["stay"]}
+    why = {entry["aircraft"]: entry["why"] for entry in done["stay"]}
     assert "gives no reason" in why["00000753"] and "another reason: std_T" in why["00000755"]
     assert why["00000756"] == "listed for another reason: bias_X"
     assert done["blank_identifiers_filled"] == 2
@@ -288,7 +288,7 @@ def test_every_export_gives_an_aircraft_the_same_error(tmp_path, aircraft_error,
     layer = LAYERS[4] * (2.0 if winds == "reported" else 1.0)
     expected = layer if np.isnan(aircraft_error) else max(aircraft_error, layer / 2.0)
     reports, _ = wrfda.read((tmp_path / "ob").read_text())
-    single = {one["id"].strip(): one["levels"][0]["error"] for one in reports}
+    single = {report["id"].strip(): report["levels"][0]["error"] for report in reports}
     assert single == pytest.approx({"A1": expected, "B2": layer}, abs=0.006)
     _, table = jedi_table(tmp_path / "jedi" / "wind_error_windEastward.csv")
     assert np.sqrt(table["_", 55000.0]) == pytest.approx(layer, abs=1e-4)
@@ -331,8 +331,8 @@ def test_the_table_is_the_one_obsproc_gave_its_reports():
         if level["p"][0] > 0
     ]
     pressure, airep, error = (np.array(column) for column in zip(*result, strict=True))
-    found = table_error(pressure, np.where(airep, 3, 0).astype(np.int8))
-    np.testing.assert_allclose(found, error, atol=0.006)
+    value = table_error(pressure, np.where(airep, 3, 0).astype(np.int8))
+    np.testing.assert_allclose(value, error, atol=0.006)
     assert len(set(error)) >= 5
 
 

@@ -39,18 +39,18 @@ class Balance(HTMLParser):
 
 def check_page(written):
     """No tag stays open, nothing is fetched, and every figure is a file as well."""
-    text, found = written.read_text("utf-8"), Balance()
-    found.feed(text)
-    assert found.open == []
-    outside = [a for a in found.addresses if not a.startswith(("data:image/", "#"))]
+    text, balance = written.read_text("utf-8"), Balance()
+    balance.feed(text)
+    assert balance.open == []
+    outside = [a for a in balance.addresses if not a.startswith(("data:image/", "#"))]
     files = sorted(a for a in outside if a.startswith("figures/"))
     drawn = (written.parent / "figures").glob("*.png")
-    assert files == sorted(f"figures/{one.name}" for one in drawn)
-    assert len(files) == found.images
+    assert files == sorted(f"figures/{file.name}" for file in drawn)
+    assert len(files) == balance.images
     assert not re.search(r"https?://", re.sub(r'src="data:[^"]*"', "", text))
     headline = re.search(r"<h1>(.*?)</h1>", text)
     assert headline and len(headline.group(1).split()) <= 25
-    return text, found
+    return text, balance
 
 
 def check_figure(figure):
@@ -80,4 +80,4 @@ class Drawn(html.Figures):
 
 
 def labels(axes):
-    return [one.get_text() for one in axes.get_yticklabels()]
+    return [label.get_text() for label in axes.get_yticklabels()]

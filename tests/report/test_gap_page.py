@@ -63,7 +63,7 @@ def test_the_verdict_has_a_line_for_every_finding():
     assert first.startswith("Hard iron on N401 and N402 and an unexplained error by temperature")
     assert "amplitude 3.9 ± 0.4°" in second and "closes 1.20 kt (1.00 to 1.40)" in second
     parts = ("N403, N404 and N405", "closes 3.30 kt (3.00 to 3.60)", "TAS scale (22 % of")
-    assert all(part in third for part in parts)
+    assert all(text in third for text in parts)
     swap = effect("tail_swap", "N1", "N2", parameters={"pair": ["N1", "N2"]})
     assert verdict(content(swap)).endswith("Tail swap on N1 and N2: probability 0.99.")
 
@@ -91,8 +91,8 @@ def test_the_verdict_says_what_is_likely_and_what_could_remain_unseen():
     ],
 )
 def test_parameters_carry_their_unit_and_95_percent_interval(name, value, error, text):
-    found = effect("x", parameters={name: value}, standard_errors={name: error})
-    assert parameters_text(content(found).effects[0]) == text
+    entry = effect("x", parameters={name: value}, standard_errors={name: error})
+    assert parameters_text(content(entry).effects[0]) == text
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
@@ -139,11 +139,11 @@ def full():
 
 def test_the_page_has_every_section_and_folds_the_statistics(tmp_path, monkeypatch):
     monkeypatch.setattr(html, "Figures", Drawn)
-    text, found = check_page(write_gap_page(tmp_path, gap=full(), maps=MAPS))
+    text, page = check_page(write_gap_page(tmp_path, gap=full(), maps=MAPS))
     names = ("what", "closure", "where", "ambiguous", "claims", "statistics")
     order = [text.index(f'<section id="{name}"') for name in names]
     assert order == sorted(order)
-    assert found.images == len(gap_figures(full(), MAPS))
+    assert page.images == len(gap_figures(full(), MAPS))
     for part in (
         f"Hard iron ({CATALOGUE['hard_iron'].title}).",
         "Data that would decide: headings in more compass points.",
@@ -210,7 +210,7 @@ def test_the_heading_map_shows_its_cells_and_affected_aircraft_are_bold():
     axes = gap_figures(content(iron("N402")), MAPS)["aircraft_heading"]().axes[0]
     drawn = np.ma.filled(axes.collections[0].get_array().astype(float), np.nan)
     assert np.array_equal(drawn.ravel(), MAPS["heading_map"].to_numpy().ravel(), equal_nan=True)
-    bold = {one.get_text() for one in axes.get_yticklabels() if one.get_fontweight() == "bold"}
+    bold = {tick.get_text() for tick in axes.get_yticklabels() if tick.get_fontweight() == "bold"}
     assert bold == {"N402"}
     layers = labels(gap_figures(content(), MAPS)["phase_level"]().axes[0])
     assert layers == ["850-1100", "700-850", "600-700", "500-600", "400-500", "above 400"]

@@ -37,20 +37,20 @@ def tiny():
 
 def test_disagreement_by_hand():
     headings, corrected = tiny()
-    found = selection.disagreement(headings, corrected, "ruc")
-    assert found.before.tolist() == pytest.approx([4.0, 1.5])
-    assert found.after.tolist() == pytest.approx([2.0, 0.75])
-    assert found.number.tolist() == [4, 4]
+    levels = selection.disagreement(headings, corrected, "ruc")
+    assert levels.before.tolist() == pytest.approx([4.0, 1.5])
+    assert levels.after.tolist() == pytest.approx([2.0, 0.75])
+    assert levels.number.tolist() == [4, 4]
     # N400's flights both gain 2.0 on average; N401's gain 0.5 and 1.0: residual sums -0.5, 0.5,
     # se^2 = 2/1 (0.25 + 0.25) / 16.
-    assert found.half_width.tolist() == pytest.approx([0.0, 1.959964 * 0.25], abs=1e-12)
-    assert found.total.before == pytest.approx(2.75) and found.total.number == 8
+    assert levels.half_width.tolist() == pytest.approx([0.0, 1.959964 * 0.25], abs=1e-12)
+    assert levels.total.before == pytest.approx(2.75) and levels.total.number == 8
     # uncorrected and screened reports do not count
     corrected["correction_applied"][:4] = 1
     headings["screening"][4:6] = SCREENING["turn"]
-    found = selection.disagreement(headings, corrected, "ruc")
-    assert np.isnan(found.before[0]) and found.before[1] == pytest.approx(2.0)
-    assert found.total.number == 2
+    levels = selection.disagreement(headings, corrected, "ruc")
+    assert np.isnan(levels.before[0]) and levels.before[1] == pytest.approx(2.0)
+    assert levels.total.number == 2
 
 
 def test_a_pool_is_the_mean_of_its_members():
@@ -147,9 +147,9 @@ def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went():
 def test_binned_medians_by_hand():
     heading = np.array([1.0, 2, 3, 4, 5, 359, 100, 101])
     value = np.array([1.0, 2, 3, 4, 100, 7, 8, 9])
-    found = binned_medians(heading, value, width=15.0)
-    assert found[:2].tolist() == [[7.5], [3.0]]
-    assert found[2, 0] == pytest.approx(1.959964 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
+    bins = binned_medians(heading, value, width=15.0)
+    assert bins[:2].tolist() == [[7.5], [3.0]]
+    assert bins[2, 0] == pytest.approx(1.959964 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
 
 
 def test_tails_that_differ_in_case_or_blanks():

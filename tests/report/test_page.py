@@ -42,8 +42,8 @@ def whole(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(html, "Figures", Drawn)
         written = report.write_page(folder / "report", **PRODUCTS)
-    text, found = check_page(written)
-    return text, Drawn.last.made, found.addresses, written
+    text, summary = check_page(written)
+    return text, Drawn.last.made, summary.addresses, written
 
 
 def test_the_page_is_whole_and_asks_for_nothing_outside(whole):
@@ -147,10 +147,10 @@ def test_a_large_fleet_stays_usable(tmp_path, monkeypatch):
     for name, number in sizes.items():
         monkeypatch.setattr(page, name, number)
     headings, fits = factories.few(8)
-    text, found = check_page(report.write_page(tmp_path, headings=headings, fits=fits))
+    text, summary = check_page(report.write_page(tmp_path, headings=headings, fits=fits))
     assert "<p>The 3 aircraft with the largest amplitude.</p>" in text
     panels, overview, places = 2, 1, 1
-    assert found.images == panels + overview + places
+    assert summary.images == panels + overview + places
     rows = re.search(r"<tbody>(.*?)</tbody>", text, re.DOTALL).group(1).split("<tr")[1:]
     shown = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in rows]
     assert [cells[0] for cells in shown] == Run(headings, fits, POOL).order

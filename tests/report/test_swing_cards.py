@@ -76,8 +76,8 @@ def test_a_card_has_what_a_workshop_needs():
 def test_cards_say_where_no_table_or_only_a_constant_is_needed():
     fits = FITS.copy(deep=True)
     fits["status"][0] = [STATUS["no_correction_needed"], STATUS["offset_only"], 1]
-    assert any(one.startswith("No correction needed") for one in texts("N400", fits))
-    assert any(one.startswith("Constant correction only") for one in texts("N401", fits))
+    assert any(text.startswith("No correction needed") for text in texts("N400", fits))
+    assert any(text.startswith("Constant correction only") for text in texts("N401", fits))
 
 
 def test_fits_without_tables_are_refused(tmp_path):
