@@ -9,18 +9,19 @@ _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(["airswing.workflow", "matplotlib.figure"])
 
 
-def forked(function, *given, **options):
+def forked(function, *arguments, **options):
     """Start a function of a test module in a process of its own."""
-    process = _SERVER.Process(target=_within, args=(os.environ.copy(), function, given, options))
+    everything = os.environ.copy(), function, arguments, options
+    process = _SERVER.Process(target=_within, args=everything)
     process.start()
     return process
 
 
-def _within(environment, function, given, options):
+def _within(environment, function, arguments, options):
     os.environ.update(environment)  # that of the server is from its start
     code = 0
     try:
-        function(*given, **options)
+        function(*arguments, **options)
     except SystemExit as ended:
         code = ended.code if isinstance(ended.code, int) else 0
     except BaseException:

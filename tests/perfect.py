@@ -58,8 +58,8 @@ class Place:
 
     @cached_property
     def _origin(self):
-        plain = self.crs is None or self.rotated
-        return self.first if plain else self._projection.transform(*self.first)
+        geographic = self.crs is None or self.rotated
+        return self.first if geographic else self._projection.transform(*self.first)
 
     def plane(self, lon, lat):
         """Coordinates in the units of ``step``, from the first grid point."""
@@ -113,8 +113,8 @@ def write_model(place, folder, *, layout="pairs", levels=LEVELS, pascals=False, 
         for level in levels:
             if pascals:
                 options["extra"] = {"typeOfLevel": "isobaricInPa", "level": level * 100}
-            both = place.wind(i, j, np.log(level * 100.0), step)
-            for name, wind, messages in zip("uv", both, (us, vs), strict=True):
+            winds = place.wind(i, j, np.log(level * 100.0), step)
+            for name, wind, messages in zip("uv", winds, (us, vs), strict=True):
                 messages.append(
                     build(place.keys, wind.ravel(), parameter=name, level=level, **options)
                 )
@@ -131,7 +131,7 @@ def write_model(place, folder, *, layout="pairs", levels=LEVELS, pascals=False, 
 
 def _multi(pair):
     """Both messages as one, the second from its section 4 on."""
-    handles = [eccodes.codes_new_from_message(one) for one in pair]
+    handles = [eccodes.codes_new_from_message(message) for message in pair]
     multi = eccodes.codes_grib_multi_new()
     for handle, section in zip(handles, (0, 4), strict=True):
         eccodes.codes_grib_multi_append(handle, section, multi)
@@ -155,24 +155,24 @@ def fly(place, *, flights=26, reports=12, seconds=180):
     iron is inversely proportional to the field.
     """
     rng = np.random.default_rng(1)
-    one = len(DEVIATIONS), flights, 1
+    shape = len(DEVIATIONS), flights, 1
     every = np.zeros((len(DEVIATIONS), flights, reports))
-    i, j = (rng.uniform(0.35, 0.65, one) * (n - 1) for n in place.size)
+    i, j = (rng.uniform(0.35, 0.65, shape) * (n - 1) for n in place.size)
     if place.periodic:
-        i = rng.uniform(-2, 2, one)
-    azimuth, speed = rng.uniform(0, 360, one), rng.uniform(110, 150, one)
-    feet = rng.uniform(15500, 28500, one).round(-1) + every
-    begin = (np.arange(flights)[:, None] + rng.uniform(0, 0.5, one)) * 47 * 3600 / flights
+        i = rng.uniform(-2, 2, shape)
+    azimuth, speed = rng.uniform(0, 360, shape), rng.uniform(110, 150, shape)
+    feet = rng.uniform(15500, 28500, shape).round(-1) + every
+    begin = (np.arange(flights)[:, None] + rng.uniform(0, 0.5, shape)) * 47 * 3600 / flights
     elapsed = begin.round() + seconds * np.arange(reports)
     ahead = speed * seconds * np.arange(reports)
-    start = (np.asarray(part) + every for part in place.position(i, j))
-    lon, lat, back = (np.asarray(part) for part in GEOD.fwd(*start, azimuth + every, ahead))
+    start = (np.asarray(column) + every for column in place.position(i, j))
+    lon, lat, back = (np.asarray(column) for column in GEOD.fwd(*start, azimuth + every, ahead))
     wind = place.wind(*place.index(lon, lat), np.log(pressure_of(feet)), elapsed / 3600)
     track, (u, v) = np.radians(back + 180.0), place.to_earth(*wind, lon, lat)
     ground = speed * np.sin(track), speed * np.cos(track)
     airspeed, true = (f(ground[0] - u, ground[1] - v) for f in (np.hypot, np.arctan2))
     # In two days the geomagnetic field turns by under 0.001 degrees.
-    east, north, _ = (part[0] for part in ppigrf.igrf(lon, lat, feet * 0.3048e-3, START))
+    east, north, _ = (column[0] for column in ppigrf.igrf(lon, lat, feet * 0.3048e-3, START))
     declination, horizontal = np.arctan2(east, north), np.hypot(east, north)
     a, b, c = np.array(list(DEVIATIONS.values())).T[..., None, None]
     gain, shown = horizontal.mean(axis=(1, 2), keepdims=True) / horizontal, true
@@ -223,9 +223,9 @@ def _projected(name, kind, crs, first, size, metres, last=None, *, edition=2, **
     keys = dict.fromkeys(steps, metres) | keys
     if edition == 2:
         keys |= {"shapeOfTheEarth": 6}
-    made = grid_keys(kind, size, first, last, **keys)
+    keys_of_grid = grid_keys(kind, size, first, last, **keys)
     crs = f"{crs} {_SPHERE[edition]}"
-    return Place(name, made, size, (metres, metres), first, crs, edition)
+    return Place(name, keys_of_grid, size, (metres, metres), first, crs, edition)
 
 
 def _lambert(name, first, lov, latins, *, size=(33, 29), metres=90000, edition=2):

@@ -68,7 +68,7 @@ def test_the_recipe_runs_the_main_job_on_workers_of_the_batch_system(slurm, tmp_
     log = (slurm / "job.log").read_text()
     assert log.count("Start worker at") == 2 and "Traceback" not in log
 
-    other = make_headings(Job.of(config, output=tmp_path / "here", quiet=True))
-    one = read_product(tmp_path / "batch/headings")
-    for name in one.variables:
-        np.testing.assert_array_equal(one[name].to_numpy(), other[name].to_numpy(), str(name))
+    expected = make_headings(Job.of(config, output=tmp_path / "here", quiet=True))
+    batch = read_product(tmp_path / "batch/headings")
+    for name in batch.variables:
+        np.testing.assert_array_equal(batch[name].to_numpy(), expected[name].to_numpy(), str(name))

@@ -19,7 +19,7 @@ def process(*words):
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch):
     """An empty folder, in which all runs."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -40,24 +40,24 @@ def test_wrong_usage_is_status_2():
     [("run", "x.yaml"), ("gap", "x.yaml"), ("export", "x.yaml", "--to", "gsi"), ("gap-check",)],
     ids=lambda words: words[0],
 )
-def test_an_empty_output_is_one_error_and_nothing_is_written_here(words, here):
+def test_an_empty_output_is_one_error_and_nothing_is_written_here(words, folder):
     done = airswing(*words, "--output", "")
     assert done.returncode == 2 and done.stderr.count("the path is empty") == 1
-    assert not list(here.iterdir())
+    assert not list(folder.iterdir())
 
 
-def test_a_stage_without_the_product_before_it_says_so(quickstart_config, here):
-    done = airswing("fit", quickstart_config(here))
+def test_a_stage_without_the_product_before_it_says_so(quickstart_config, folder):
+    done = airswing("fit", quickstart_config(folder))
     assert done.returncode == 2
     assert "headings" in done.stderr and "airswing run" in done.stderr
 
 
 def test_stages_one_by_one_and_the_json_summary(
-    blank_cards, quickstart_config, root, here, monkeypatch
+    blank_cards, quickstart_config, root, folder, monkeypatch
 ):
     monkeypatch.setattr("airswing.report.run.page.write_page", lambda *_, **__: "")
     some = {"files": str(root / "data_samples/reports/N40[1-3].csv")}
-    path = quickstart_config(here, reports=some)
+    path = quickstart_config(folder, reports=some)
     for stage, product in (("collocate", "headings"), ("fit", "fits.nc"), ("correct", "corrected")):
         done = airswing(stage, path, "--quiet")
         assert (done.returncode, done.stderr) == (0, "")
@@ -70,8 +70,8 @@ def test_stages_one_by_one_and_the_json_summary(
     assert json.loads(done.stdout)["pairs"][0]["references"] == ["ruc", "rtfdaa"]
 
 
-def test_an_interrupt_is_status_130_and_leaves_no_half_product(quickstart_config, here):
-    command = [sys.executable, "-m", "airswing", "run", str(quickstart_config(here))]
+def test_an_interrupt_is_status_130_and_leaves_no_half_product(quickstart_config, folder):
+    command = [sys.executable, "-m", "airswing", "run", str(quickstart_config(folder))]
     # A shell's background jobs, and all they start, ignore interrupts unless set otherwise.
     heed = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     started = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=heed)
@@ -81,27 +81,27 @@ def test_an_interrupt_is_status_130_and_leaves_no_half_product(quickstart_config
     _, message = started.communicate(timeout=60)
     assert started.returncode == 130, message
     assert "Traceback" not in message
-    assert not [*(here / "results").rglob("*.part")]
+    assert not [*(folder / "results").rglob("*.part")]
 
 
-def test_a_sample_is_not_mixed_with_what_is_there(here):
-    (here / "ruc").mkdir()
-    (here / "ruc/old.grb").touch()
-    (here / "notes.txt").touch()
-    words = ["sample", here, "--days", "1", "--aircraft", "1"]
+def test_a_sample_is_not_mixed_with_what_is_there(folder):
+    (folder / "ruc").mkdir()
+    (folder / "ruc/old.grb").touch()
+    (folder / "notes.txt").touch()
+    words = ["sample", folder, "--days", "1", "--aircraft", "1"]
     done = airswing(*words)
     assert done.returncode == 2 and "not empty" in done.stderr and "--overwrite" in done.stderr
-    assert not (here / "reports").exists()
+    assert not (folder / "reports").exists()
     assert airswing(*words, "--overwrite").returncode == 0
-    assert (here / "notes.txt").exists() and not (here / "ruc/old.grb").exists()
+    assert (folder / "notes.txt").exists() and not (folder / "ruc/old.grb").exists()
 
 
-def test_a_track_without_a_model_says_what_it_needs(here):
+def test_a_track_without_a_model_says_what_it_needs(folder):
     words = ("collocate", "track.csv", "-o", "out.csv")
     assert "--reference NAME=GLOB" in airswing(*words).stderr
     words += ("--reference", "ruc=none/*.grb")
     assert "track.csv: no such file. Check the path" in airswing(*words).stderr
-    (here / "track.csv").write_text("time,lat,lon,pressure_hPa\n")
+    (folder / "track.csv").write_text("time,lat,lon,pressure_hPa\n")
     done = airswing(*words)
     assert done.returncode == 2 and "airswing: --reference ruc: no file found" in done.stderr
 

@@ -28,9 +28,9 @@ def fitted(folder, table, **reports):
 
 def assert_found(fits, tolerance):
     for tail in fits["aircraft"].to_numpy():
-        found = fits["deviation"].sel(reference="model", aircraft=tail).to_numpy()
+        deviation = fits["deviation"].sel(reference="model", aircraft=tail).to_numpy()
         wanted = [*perfect.DEVIATIONS[str(tail)], 0.0, 0.0]
-        np.testing.assert_allclose(found, wanted, atol=tolerance, err_msg=str(tail))
+        np.testing.assert_allclose(deviation, wanted, atol=tolerance, err_msg=str(tail))
     assert (fits["status"] == 0).all()
     assert np.abs(fits["reference_bias"]).max() < 0.2 * tolerance + 0.005
     assert np.abs(fits["airspeed_scale"]).max() < 1e-3

@@ -38,16 +38,16 @@ def winds(hostile, tmp_path):
         catalogue = catalogue_of(hostile(model), tmp_path)
         ds = read_reports(hostile(reports))
         lazy = collocate(ds, {"ref": catalogue}, account=True, **options)
-        found = lazy.compute(scheduler="synchronous")
-        return catalogue, found, [reason for _, _, reason in found["problems"].item()]
+        collocated = lazy.compute(scheduler="synchronous")
+        return catalogue, collocated, [reason for _, _, reason in collocated["problems"].item()]
 
     return find
 
 
 def test_complex_packing_whose_groups_do_not_add_up(winds):
-    _, found, problems = winds("crash_grib_a_49", "g2_complex_spatial_differencing.csv")
+    _, collocated, problems = winds("crash_grib_a_49", "g2_complex_spatial_differencing.csv")
     assert len(problems) == 1 and problems[0].startswith("message at 2530: not decodable")
-    matched = np.isfinite(found["reference_eastward_wind"].to_numpy())
+    matched = np.isfinite(collocated["reference_eastward_wind"].to_numpy())
     assert 0 < matched.sum() < matched.size
 
 
@@ -92,8 +92,8 @@ def test_a_png_stream_of_another_depth(hostile, tmp_path):
 
 @pytest.mark.parametrize("sparse", [True, False])
 def test_second_order_packing_with_a_section_that_lies(winds, sparse):
-    _, found, _ = winds("crash_grib_a_865", "g1_ll_second.csv", sparse=sparse)
-    speed = np.hypot(found["reference_eastward_wind"], found["reference_northward_wind"])
+    _, collocated, _ = winds("crash_grib_a_865", "g1_ll_second.csv", sparse=sparse)
+    speed = np.hypot(collocated["reference_eastward_wind"], collocated["reference_northward_wind"])
     assert not (speed > 150.0).any()
 
 

@@ -36,9 +36,9 @@ CONTRACT = r"(raw|tempered|evidence|difference)_nats"
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_standard_terms(path):
     text = re.sub(CONTRACT, "", path.read_text(encoding="utf-8"))
-    found = {
-        f"line {text.count(chr(10), 0, match.start()) + 1}: {match[0]} ({plain})"
-        for words, plain in PLAIN.items()
+    matches = {
+        f"line {text.count(chr(10), 0, match.start()) + 1}: {match[0]} ({term})"
+        for words, term in PLAIN.items()
         for match in re.finditer(rf"(?<![A-Za-z])(?:{words})(?![A-Za-z])", text, re.IGNORECASE)
     }
-    assert not found
+    assert not matches

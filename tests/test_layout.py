@@ -44,7 +44,7 @@ def folder_of(path):
 
 def imported(path):
     """Modules of the package that a module imports, wherever the import statement is."""
-    found = set()
+    modules = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -52,8 +52,8 @@ def imported(path):
             names = [f"{node.module}.{alias.name}" for alias in node.names] + [str(node.module)]
         else:
             continue
-        found |= {MODULES[name] for name in names if name in MODULES}
-    return found - {path}
+        modules |= {MODULES[name] for name in names if name in MODULES}
+    return modules - {path}
 
 
 def test_every_folder_has_a_place_in_the_order():
@@ -64,9 +64,9 @@ def test_every_folder_has_a_place_in_the_order():
 def test_imports_come_from_the_same_folder_or_an_earlier_one(path):
     place = ORDER.index(folder_of(path))
     later = [
-        str(other.relative_to(PACKAGE))
-        for other in imported(path)
-        if ORDER.index(folder_of(other)) > place
+        str(target.relative_to(PACKAGE))
+        for target in imported(path)
+        if ORDER.index(folder_of(target)) > place
     ]
     assert not later
 

@@ -26,9 +26,9 @@ def files_below(folder):
 
 def test_pages_escape_names_and_nothing_is_written_outside_the_output_and_the_cache(tmp_path):
     top = tmp_path
-    data, here, home = top / "data", top / "here", top / "home"
+    data, work, home = top / "data", top / "here", top / "home"
     write_archive(data, days=1, aircraft=2, seed=1)
-    for folder in (here, home):
+    for folder in (work, home):
         folder.mkdir()
     for path in (data / "reports").glob("*.csv"):
         table = pd.read_csv(path).replace({"tail": TAILS})
@@ -47,7 +47,7 @@ def test_pages_escape_names_and_nothing_is_written_outside_the_output_and_the_ca
         [sys.executable, "-m", "airswing", "run", str(config), "--quiet"],
         capture_output=True,
         text=True,
-        cwd=here,
+        cwd=work,
         timeout=600,
         env=os.environ
         | {"HOME": str(home), "AIRSWING_CACHE": str(top / "cache"), "TMPDIR": str(home)}

@@ -57,10 +57,10 @@ def test_the_sample_recovers_its_truth_within_its_intervals(quickstart, truth, r
     scores = []
     for name in trusted["aircraft"].to_numpy():
         fit = trusted.sel(aircraft=name)
-        known = np.array([truth[name]["deviation"][c] for c in "ABCDE"])
+        true = np.array([truth[name]["deviation"][c] for c in "ABCDE"])
         error = np.sqrt(np.diag(fit["deviation_covariance"]))
         free = error > 0
-        scores += list(((fit["deviation"].to_numpy() - known) / error)[free])
+        scores += list(((fit["deviation"].to_numpy() - true) / error)[free])
         if truth[name]["amplitude"] > 2:
             assert abs(float(fit["amplitude"]) - truth[name]["amplitude"]) < 0.5
             assert abs(wrap(float(fit["phase"]) - truth[name]["phase"])) < 6
@@ -107,8 +107,8 @@ def test_the_compliance_checker_finds_nothing(path, tmp_path):
     passed, _ = runner.ComplianceChecker.run_checker(
         str(path), ["cf:1.11"], 1, "strict", output_filename=str(report), output_format="json"
     )
-    found = json.loads(report.read_text())["cf:1.11"]
-    failed = [entry for entry in found["all_priorities"] if entry["value"][0] < entry["value"][1]]
+    results = json.loads(report.read_text())["cf:1.11"]
+    failed = [entry for entry in results["all_priorities"] if entry["value"][0] < entry["value"][1]]
     assert [entry["msgs"] for entry in failed] == []
     assert passed
 

@@ -19,7 +19,7 @@ from airswing.products.netcdf import (
     written_here,
 )
 from airswing.products.ragged import aircraft_of_report, row_bounds
-from airswing.products.whole_files import atomic, json_types, write_json
+from airswing.products.whole_files import json_types
 from airswing.vocabulary import lookup
 
 
@@ -61,16 +61,6 @@ def test_times_may_be_missing_one_or_all(tmp_path, times):
     ds = xr.Dataset({"time": ("report", np.array(times, "M8[ns]"))})
     back = read_product(write_product(ds, tmp_path / "x.nc", title="t"))
     xr.testing.assert_equal(back, ds)
-
-
-def test_a_failure_midway_leaves_the_earlier_product(tmp_path):
-    path = tmp_path / "x.json"
-    write_json(path, {"a": 1})
-    with pytest.raises(ValueError), atomic(path) as temporary:
-        temporary.write_text("half")
-        raise ValueError
-    assert path.read_text() == '{\n  "a": 1\n}\n'
-    assert [entry.name for entry in tmp_path.iterdir()] == ["x.json"]
 
 
 def test_plain_turns_not_a_number_into_none():

@@ -64,16 +64,16 @@ def test_linear_in_time_between_valid_times_with_its_slope(tmp_path):
     assert np.isnan(tendency[4])  # both valid times are needed
     shear = got.reference_northward_wind_lnp_derivative[0]
     np.testing.assert_allclose(shear, -1.0, atol=1e-5)
-    plain = winds(reports(hours), catalogue)
-    xr.testing.assert_equal(got[list(plain.data_vars)], plain)
+    without_derivatives = winds(reports(hours), catalogue)
+    xr.testing.assert_equal(got[list(without_derivatives.data_vars)], without_derivatives)
 
 
 def test_gaps_longer_than_the_limit_are_not_bridged(tmp_path):
     catalogue = hourly(tmp_path, hours=(0, 3, 7))
     ds = reports([0.0, 1.5, 3.0, 5.0, 7.0])
-    for gap, known in ((10799, [1, 0, 1, 0, 1]), (10800, [1, 1, 1, 0, 1]), (14400, [1] * 5)):
+    for gap, expected in ((10799, [1, 0, 1, 0, 1]), (10800, [1, 1, 1, 0, 1]), (14400, [1] * 5)):
         u = winds(ds, catalogue, max_time_gap=float(gap)).reference_eastward_wind[0]
-        np.testing.assert_array_equal(np.isfinite(u), known)
+        np.testing.assert_array_equal(np.isfinite(u), expected)
 
 
 def test_lead_times_are_weighted_like_the_winds(tmp_path):
@@ -118,28 +118,14 @@ def test_wrong_arguments_name_the_right_call(tmp_path):
 
 def test_order_and_division_of_reports_do_not_matter(tmp_path):
     catalogue, ds = hourly(tmp_path), random_reports(211)
-    whole = winds(ds, catalogue, derivatives=True)
+    expected = winds(ds, catalogue, derivatives=True)
     shuffle = np.random.default_rng(0).permutation(211)
     mixed = winds(ds.isel(report=shuffle), catalogue, derivatives=True)
-    assert mixed.identical(whole.isel(report=shuffle))
-    parts = (ds.isel(report=slice(start, start + 37)) for start in range(0, 211, 37))
-    pieces = [winds(part, catalogue, derivatives=True) for part in parts]
+    assert mixed.identical(expected.isel(report=shuffle))
+    blocks = (ds.isel(report=slice(start, start + 37)) for start in range(0, 211, 37))
+    pieces = [winds(block, catalogue, derivatives=True) for block in blocks]
     joined = xr.concat([p.drop_vars("unread_messages") for p in pieces], "report")
-    xr.testing.assert_identical(joined, whole.drop_vars("unread_messages"))
-
-
-def test_sparse_and_whole_decoding_agree(real, tmp_path):
-    folder = real("grib/wrf_ruc13_g212")
-    catalogue = build_catalogue(f"{folder}/*", name="m", cache_dir=tmp_path)
-    rng = np.random.default_rng(9)
-    places = (rng.uniform(*one, 500) for one in ((25, 50), (-120, -75), (15000, 95000)))
-    start = np.datetime64("2005-08-07", "ns")
-    ds = points(*places, after=rng.uniform(0, 24, 500), start=start)
-    sparse = winds(ds, catalogue, derivatives=True)
-    assert np.isfinite(sparse.reference_eastward_wind).sum() > 300
-    assert winds(ds, catalogue, derivatives=True, sparse=False).identical(sparse)
-    east = ds.assign(longitude=ds.longitude + 360)
-    xr.testing.assert_allclose(winds(east, catalogue, derivatives=True), sparse, rtol=1e-9)
+    xr.testing.assert_identical(joined, expected.drop_vars("unread_messages"))
 
 
 def test_each_message_is_read_once(tmp_path):
@@ -187,14 +173,14 @@ def test_no_reports_and_no_references(tmp_path):
 def test_the_plan_says_who_has_no_model_and_why(tmp_path):
     catalogue = hourly(tmp_path)
     ds = reports([-1, 0.5, 0.5, 0.5, 2.0], [5e4, 5e4, 5e4, 2e4, 5e4], [50, 50, 10, 50, 50], 20.0)
-    one = overlap(ds, {"m": catalogue})["m"]
-    assert (one["reports"], one["matched"]) == (5, 2)
-    assert (one["without_time"], one["outside_grid"], one["outside_levels"]) == (1, 1, 1)
-    assert one["report_extent"].startswith("2009-07-31T23:00Z to 2009-08-01T02:00Z, latitude 10 to")
-    assert one["model_extent"].startswith("2009-08-01T00:00Z to 2009-08-01T03:00Z, latitude 40 to")
+    row = overlap(ds, {"m": catalogue})["m"]
+    assert (row["reports"], row["matched"]) == (5, 2)
+    assert (row["without_time"], row["outside_grid"], row["outside_levels"]) == (1, 1, 1)
+    assert row["report_extent"].startswith("2009-07-31T23:00Z to 2009-08-01T02:00Z, latitude 10 to")
+    assert row["model_extent"].startswith("2009-08-01T00:00Z to 2009-08-01T03:00Z, latitude 40 to")
     matched = np.isfinite(winds(ds, catalogue).reference_eastward_wind[0]).sum()
-    assert matched == one["matched"]
-    require_overlap({"m": one})
+    assert matched == row["matched"]
+    require_overlap({"m": row})
 
 
 BETWEEN = reports([0.5, 2.5], pressure=45000.0)

@@ -34,16 +34,16 @@ def an_hour(offset, seed=1):
     rng = np.random.default_rng(seed)
     size, aircraft, speed = 120, offset.size, 220.0
 
-    def each(values):
+    def per_report(values):
         return np.repeat(values, size)
 
-    true = np.radians(each(np.linspace(0, 360, aircraft, endpoint=False) * 3.0))
-    second = np.tile(np.arange(size) * 10.0, aircraft) + each(rng.uniform(0, 2000, aircraft))
+    true = np.radians(per_report(np.linspace(0, 360, aircraft, endpoint=False) * 3.0))
+    second = np.tile(np.arange(size) * 10.0, aircraft) + per_report(rng.uniform(0, 2000, aircraft))
     along = np.tile(np.linspace(-1, 1, size), aircraft)
-    lat = 52.0 + each(rng.uniform(-0.4, 0.4, aircraft)) + along * np.cos(true)
-    lon = 5.0 + each(rng.uniform(-0.6, 0.6, aircraft)) + 1.6 * along * np.sin(true)
-    log_p = np.log(each(rng.uniform(20000, 40000, aircraft)))
-    truth, shown = wind_at(lat, lon, log_p, second), true + np.radians(each(offset))
+    lat = 52.0 + per_report(rng.uniform(-0.4, 0.4, aircraft)) + along * np.cos(true)
+    lon = 5.0 + per_report(rng.uniform(-0.6, 0.6, aircraft)) + 1.6 * along * np.sin(true)
+    log_p = np.log(per_report(rng.uniform(20000, 40000, aircraft)))
+    truth, shown = wind_at(lat, lon, log_p, second), true + np.radians(per_report(offset))
     air = np.stack([np.sin(true) - np.sin(shown), np.cos(true) - np.cos(shown)])
     reported = truth + speed * air + rng.normal(0, 1.0, truth.shape)
     columns = {
@@ -64,14 +64,14 @@ def test_no_aircraft_draws_the_field_to_its_own_offset():
     offset = rng.normal(0.0, 1.5, 24)
     reports, truth = an_hour(offset)
     field = fleet_wind(reports)
-    found = airswing.collocate(reports, {"fleet": field}).compute()
-    wind = np.stack([found[f"reference_{way}ward_wind"].to_numpy()[0] for way in ("east", "north")])
+    ds = airswing.collocate(reports, {"fleet": field}).compute()
+    wind = np.stack([ds[f"reference_{way}ward_wind"].to_numpy()[0] for way in ("east", "north")])
     inside = np.isfinite(wind[0])
     assert inside.mean() > 0.99
-    apart = (wind - truth)[:, inside]
+    error = (wind - truth)[:, inside]
     # an offset of 1.5 degrees is 5.8 m/s; the field is that of all, within a fifth of it
-    assert np.sqrt((apart**2).mean()) < 1.2
-    assert np.abs(apart.mean(axis=1)).max() < 0.5
+    assert np.sqrt((error**2).mean()) < 1.2
+    assert np.abs(error.mean(axis=1)).max() < 0.5
 
 
 def test_too_few_aircraft_are_refused():

@@ -104,11 +104,11 @@ def test_points_and_direction_are_those_of_eccodes(name, tmp_path):
     lat, lon = np.radians(lat[place]), np.radians(lon[place])
     i, j = np.full(1, grid.ni // 2), np.full(1, grid.nj // 2)
     up = 1 if grid.y[-1] > grid.y[0] else -1
-    one, two = (int(grid.position(i, j + n * up)[0]) for n in (-1, 1))
-    here = int(grid.position(i, j)[0])
-    east = (lon[two] - lon[one] + np.pi) % (2 * np.pi) - np.pi
-    bearing = np.arctan2(east * np.cos(lat[here]), lat[two] - lat[one])
-    angle = grid.convergence(np.degrees(lat[[here]]), np.degrees(lon[[here]]))[0]
+    below, above = (int(grid.position(i, j + n * up)[0]) for n in (-1, 1))
+    point = int(grid.position(i, j)[0])
+    east = (lon[above] - lon[below] + np.pi) % (2 * np.pi) - np.pi
+    bearing = np.arctan2(east * np.cos(lat[point]), lat[above] - lat[below])
+    angle = grid.convergence(np.degrees(lat[[point]]), np.degrees(lon[[point]]))[0]
     assert np.angle(np.exp(1j * (angle - bearing))) == pytest.approx(0.0, abs=6e-3)
 
 
@@ -131,10 +131,10 @@ def test_every_other_row_may_run_backwards(columns, tmp_path):
 
 def test_southern_polar_grid_of_edition_1_equals_edition_2(tmp_path):
     # ecCodes' iterator ignores the projection centre flag of edition 1
-    one = grid_of(build({**POLAR, **SOUTHWARD}, edition=1), tmp_path)
-    two = grid_of(build({**POLAR, **SOUTHWARD, "LaDInDegrees": -60.0}), tmp_path)
+    first = grid_of(build({**POLAR, **SOUTHWARD}, edition=1), tmp_path)
+    second = grid_of(build({**POLAR, **SOUTHWARD, "LaDInDegrees": -60.0}), tmp_path)
     lat, lon, _ = points_of(build({**POLAR, **SOUTHWARD, "LaDInDegrees": -60.0}))
-    for a, b in zip(one.plane(lat, lon), two.plane(lat, lon), strict=True):
+    for a, b in zip(first.plane(lat, lon), second.plane(lat, lon), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-9)
 
 
@@ -204,7 +204,7 @@ def test_native_grid_of_the_rapid_refresh(thousandths, last):
 def test_unknown_grids_are_refused_with_a_reason(base, keys, reason, tmp_path):
     contents = scan_file(write(tmp_path / "bad.grib", build(base, extra=keys)))
     assert not contents.fields
-    assert any(what == "grid" and reason in why for what, why in contents.skipped)
+    assert any(kind == "grid" and reason in why for kind, why in contents.skipped)
 
 
 # grids of coordinates
@@ -223,14 +223,14 @@ def test_points_grid_equals_the_projection_it_was_made_from():
     frame = Frame("projected", "+proj=lcc +lat_1=40 +lat_2=40 +lat_0=40 +lon_0=-97 +R=6370000")
     axes = AxesGrid(frame, np.arange(-20, 21) * 3e3, np.arange(-15, 16) * 3e3, True)
     x, y = np.meshgrid(axes.x, axes.y)
-    lat, lon = (one.reshape(x.shape) for one in frame.places(x.ravel(), y.ravel()))
+    lat, lon = (coordinate.reshape(x.shape) for coordinate in frame.places(x.ravel(), y.ravel()))
     points = PointsGrid(lat, lon, wind_along_grid=True)
     rng = np.random.default_rng(0)
     where = frame.places(rng.uniform(-59e3, 59e3, 200), rng.uniform(-44e3, 44e3, 200))
-    for one, other in zip(
+    for by_points, by_axes in zip(
         points.fractional_index(*where), axes.fractional_index(*where), strict=True
     ):
-        np.testing.assert_allclose(one, other, atol=1e-5)
+        np.testing.assert_allclose(by_points, by_axes, atol=1e-5)
     np.testing.assert_allclose(points.convergence(*where), axes.convergence(*where), atol=1e-5)
     assert not points.contains([35.0, 40.0], [-97.0, 83.0]).any()
     again = pickle.loads(pickle.dumps(points))

@@ -19,7 +19,7 @@ def profile(change=None, *, edition=2, value=10.0, **extra):
         for level in (300, 700)
         for p in "uv"
     ]
-    return b"".join(messages if change is None else [change(one) for one in messages])
+    return b"".join(messages if change is None else [change(message) for message in messages])
 
 
 def section_1(entries, length=52):
@@ -105,9 +105,9 @@ def test_states_are_used(name, tmp_path):
 def test_of_a_mean_and_a_spread_the_mean_is_used(ending, tmp_path):
     write(tmp_path / "mean.grib", STATES["mean" + ending])
     write(tmp_path / "spread.grib", GRIB["spread" + ending])
-    found = build_catalogue(str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c")
-    assert [Path(file.path).name for file in found.model_time(0).files] == ["mean.grib"]
-    assert found.levels(0).size == 2
+    model = build_catalogue(str(tmp_path / "*.grib"), name="x", cache_dir=tmp_path / "c")
+    assert [Path(file.path).name for file in model.model_time(0).files] == ["mean.grib"]
+    assert model.levels(0).size == 2
 
 
 def changed(**attrs):
@@ -140,7 +140,7 @@ DATASETS = {
     "interval of THREDDS": changed(Grib_Statistical_Interval_Type="Average"),
     "title": changed().assign_attrs(title="GEFS ensemble spread"),
     "averages of MERRA-2": changed().assign_attrs(Title="MERRA2 tavg3: 3-Hourly,Time-Averaged"),
-    **{f"name u_{one}": named(one) for one in ("spread", "std", "sd")},
+    **{f"name u_{ending}": named(ending) for ending in ("spread", "std", "sd")},
     **{f"other name {n}": named(n) for n in ("p90", "sprd", "err", "clim", "anom", "prob")},
     "history of CDO": changed().assign_attrs(history="Mon 1 Jan: cdo -ensstd a.nc b.nc out.nc"),
     "time mean of NCO": changed().assign_attrs(history="ncra in.nc out.nc"),

@@ -132,12 +132,12 @@ def test_exactness_against_cfgrib(name, real, tmp_path):
     k, j, i = (rng.integers(1, size - 1, 400) for size in shape)
     lat, lon = xr.broadcast(data.latitude, data.longitude)
     lat, lon = lat.values[j, i], lon.values[j, i]
-    u, v = ((data[one].values[k, j, i] + data[one].values[k - 1, j, i]) / 2 for one in "uv")
+    u, v = ((data[name].values[k, j, i] + data[name].values[k - 1, j, i]) / 2 for name in "uv")
     if model.grids[0].wind_along_grid:
         # LoV 265 E and Latin 25 in both files (DOMAIN, trap 1)
         turn = np.radians((lon - 265.0 + 180) % 360 - 180) * np.sin(np.radians(25.0))
         u, v = np.cos(turn) * u + np.sin(turn) * v, -np.sin(turn) * u + np.cos(turn) * v
-    found = sample_model_time(model, lat, lon, np.sqrt(levels[k] * levels[k - 1]))
-    known = np.isfinite(found[0])
-    assert known.mean() > 0.5 and np.isfinite(u[known]).all()
-    np.testing.assert_allclose(found[:, known], np.stack([u, v])[:, known], atol=3e-4)
+    sampled = sample_model_time(model, lat, lon, np.sqrt(levels[k] * levels[k - 1]))
+    valid = np.isfinite(sampled[0])
+    assert valid.mean() > 0.5 and np.isfinite(u[valid]).all()
+    np.testing.assert_allclose(sampled[:, valid], np.stack([u, v])[:, valid], atol=3e-4)

@@ -57,5 +57,5 @@ def write(path, rows):
 
 def audit_of(reports):
     """Counts of the reading of a Dataset."""
-    found = json.loads(reports.attrs["reading_audit"])
-    return found
+    audit = json.loads(reports.attrs["reading_audit"])
+    return audit

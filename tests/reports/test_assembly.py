@@ -62,11 +62,12 @@ def test_of_two_reports_at_one_place_and_time_the_fuller_stays(tmp_path, less, m
 
 
 @pytest.mark.parametrize(
-    ("second", "other", "dropped"), [("07", -80.0, {"conflicting_position": 1}), ("00", -86.75, {})]
+    ("second", "east", "dropped"),
+    [("07", -80.0, {"conflicting_position": 1}), ("00", -86.75, {})],
 )
-def test_two_places_are_a_conflict_except_on_a_minute_clock(tmp_path, second, other, dropped):
+def test_two_places_are_a_conflict_except_on_a_minute_clock(tmp_path, second, east, dropped):
     rows = [row(time=f"2009-01-05T12:0{k}:{second}Z", longitude=-87 + 0.1 * k) for k in range(5)]
-    ds, audit = read(tmp_path, [*rows, row(time=f"2009-01-05T12:02:{second}Z", longitude=other)])
+    ds, audit = read(tmp_path, [*rows, row(time=f"2009-01-05T12:02:{second}Z", longitude=east)])
     assert audit["dropped"] == dropped
     assert ds.sizes["report"] == 6 - len(dropped)
 
@@ -85,9 +86,9 @@ def test_reports_of_one_minute_follow_the_climb_or_descent(tmp_path, sign):
 def test_order_of_rows_and_files_does_not_matter(tmp_path, order, cut):
     table = fleet()
     wanted, _ = read(tmp_path, table)
-    one = write(tmp_path / "one.csv", table.iloc[order[:cut]])
-    two = write(tmp_path / "two.csv", table.iloc[order[cut:]])
-    xr.testing.assert_equal(read_reports([two, one]), wanted)
+    first = write(tmp_path / "one.csv", table.iloc[order[:cut]])
+    second = write(tmp_path / "two.csv", table.iloc[order[cut:]])
+    xr.testing.assert_equal(read_reports([second, first]), wanted)
     xr.testing.assert_identical(read(tmp_path, table.iloc[order])[0], wanted)
 
 

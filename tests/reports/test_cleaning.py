@@ -15,9 +15,9 @@ TIME = np.datetime64("2009-01-05T12:00:00", "ns")
 
 def piece(rows=1, **values):
     """Raw piece in SI with some columns replaced."""
-    plain = {"tail": "N412XJ", "time": TIME, "latitude": 41.5, "longitude": -87.25}
-    plain |= {"pressure_altitude": 5000.0, "wind_direction": 270.0, "wind_speed": 20.0}
-    return pd.DataFrame({**plain, **values}, index=range(rows))
+    defaults = {"tail": "N412XJ", "time": TIME, "latitude": 41.5, "longitude": -87.25}
+    defaults |= {"pressure_altitude": 5000.0, "wind_direction": 270.0, "wind_speed": 20.0}
+    return pd.DataFrame({**defaults, **values}, index=range(rows))
 
 
 def cleaned(rows=1, **values):
@@ -112,10 +112,10 @@ def test_components_in_place_of_speed_and_direction():
 
 def with_motion(**values):
     """A report of heading, airspeed and ground vector without a wind."""
-    plain = piece().drop(columns=["wind_direction", "wind_speed"])
+    windless = piece().drop(columns=["wind_direction", "wind_speed"])
     motion = {"reported_heading": 0.0, "reported_airspeed": 200.0, "ground_speed": 200.0}
     audit = Audit()
-    return clean(plain.assign(**{**motion, "track": 0.0, **values}), audit), audit
+    return clean(windless.assign(**{**motion, "track": 0.0, **values}), audit), audit
 
 
 def test_the_wind_of_a_triangle_computed_by_hand():
@@ -174,6 +174,6 @@ def test_every_report_is_kept_or_dropped_once_and_what_stays_is_possible(reports
     assert frame["latitude"].between(-90, 90).all()
     assert ((frame["longitude"] >= -180) & (frame["longitude"] < 180)).all()
     assert (frame["eastward_wind"].isna() == frame["northward_wind"].isna()).all()
-    known = frame[frame["eastward_wind"].notna()]
-    speed = np.hypot(known["eastward_wind"], known["northward_wind"])
-    np.testing.assert_allclose(speed, known["wind_speed"], atol=1e-4)
+    measured = frame[frame["eastward_wind"].notna()]
+    speed = np.hypot(measured["eastward_wind"], measured["northward_wind"])
+    np.testing.assert_allclose(speed, measured["wind_speed"], atol=1e-4)

@@ -47,7 +47,7 @@ def test_the_unit_at_the_end_of_a_name_is_understood(name, value, variable, si):
 
 
 @pytest.mark.parametrize(
-    ("columns", "parts"),
+    ("columns", "words"),
     [
         ({"W": {"name": "wind_speed_kt", "unit": "hPa"}}, ["W", "hPa", "wind_speed_kt", "m/s"]),
         ({"W": {"name": "wind_speed_kt", "unit": "smoots"}}, ["smoots", "wind_speed_kt"]),
@@ -59,10 +59,10 @@ def test_the_unit_at_the_end_of_a_name_is_understood(name, value, variable, si):
         ({"W": {"name": "time", "format": "%d.%Q"}}, ["W.format", "bad directive", "%d.%m.%Y"]),
     ],
 )
-def test_a_bad_mapping_is_refused_by_name(columns, parts):
+def test_a_bad_mapping_is_refused_by_name(columns, words):
     with pytest.raises(InputError) as error:
         parse_mapping(columns)
-    assert all(part in str(error.value) for part in parts)
+    assert all(word in str(error.value) for word in words)
 
 
 @pytest.mark.parametrize(
@@ -139,8 +139,8 @@ def test_times_that_no_report_can_have_are_not_possible(value):
 )
 def test_flag_codes_are_decoded_and_counted(flag, codes, values, meanings):
     audit = Audit()
-    found = decode_flags(values, flag, audit).tolist()
-    assert found == [codes[name] for name in meanings.split()]
+    decoded = decode_flags(values, flag, audit).tolist()
+    assert decoded == [codes[name] for name in meanings.split()]
     assert sum(audit.flags[flag].values()) == len(values)
     assert audit.repaired == {f"{flag}_unknown_code": 1}
     if flag == "roll_flag":

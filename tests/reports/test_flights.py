@@ -30,7 +30,7 @@ def columns(minutes, east=None, label=-1, altitude=6000.0):
     start = np.datetime64("2009-01-05T23:30:00", "ns")
     return {
         "time": start + np.round(minutes * 60e9).astype("timedelta64[ns]"),
-        **{name: np.broadcast_to(one, minutes.shape).copy() for name, one in values.items()},
+        **{name: np.broadcast_to(value, minutes.shape).copy() for name, value in values.items()},
     }
 
 
@@ -73,9 +73,9 @@ def test_phases_of_a_flight_whatever_the_coding(step, altitude_step_ft):
     names = ["unknown", "ascent", "cruise", "descent", "unknown"]
     truth = np.array([PHASE[name] for name in names])[np.searchsorted(changes, minutes)]
     coded = 0.3048 * altitude_step_ft * np.round(feet / altitude_step_ft)
-    found = derive_phase(columns(minutes, altitude=coded), np.zeros(truth.size, dtype=int))
+    derived = derive_phase(columns(minutes, altitude=coded), np.zeros(truth.size, dtype=int))
     away = np.abs(minutes[:, np.newaxis] - changes).min(axis=1) >= max(step, 0.5) + 0.6
-    np.testing.assert_array_equal(found[away], truth[away])
+    np.testing.assert_array_equal(derived[away], truth[away])
 
 
 @pytest.mark.parametrize(
@@ -90,8 +90,8 @@ def test_phases_of_a_flight_whatever_the_coding(step, altitude_step_ft):
 )
 def test_phase_of_a_whole_flight(altitude, phase):
     minutes = np.arange(float(altitude.size))
-    found = derive_phase(columns(minutes, altitude=altitude), np.zeros(altitude.size, int))
-    assert (found == PHASE[phase]).all()
+    derived = derive_phase(columns(minutes, altitude=altitude), np.zeros(altitude.size, int))
+    assert (derived == PHASE[phase]).all()
 
 
 # resolutions
@@ -147,11 +147,11 @@ IRREGULAR = np.cumsum(RNG.uniform(0.7, 1.3, 80) * 180.0)
     ],
 )
 def test_all_four_of_one_aircraft(seconds, clock, found_clock):
-    found = resolutions(reports(seconds, clock), np.array([80]))
-    assert found["position_resolution"][0] == pytest.approx(0.1 / 60)
-    assert found["time_resolution"][0] == found_clock
-    assert found["wind_speed_resolution"][0] == pytest.approx(KNOT)
-    assert found["wind_direction_resolution"][0] == 1.0
+    by_quantity = resolutions(reports(seconds, clock), np.array([80]))
+    assert by_quantity["position_resolution"][0] == pytest.approx(0.1 / 60)
+    assert by_quantity["time_resolution"][0] == found_clock
+    assert by_quantity["wind_speed_resolution"][0] == pytest.approx(KNOT)
+    assert by_quantity["wind_direction_resolution"][0] == 1.0
 
 
 def test_an_aircraft_with_few_reports_takes_the_usual_step_of_the_others():

@@ -88,11 +88,11 @@ def test_what_is_proposed_reads_the_table(make, kind, tmp_path):
     reports = read_reports(path, columns=columns)
     assert reports["time"].to_numpy().tolist() == TIMES.to_numpy().astype("M8[ns]").tolist()
     speed = np.hypot(reports["eastward_wind"], reports["northward_wind"])
-    for found, name in (
+    for column, name in (
         *((reports[name], name) for name in ("latitude", "longitude", "pressure_altitude")),
         (speed, "speed"),
     ):
-        assert found.to_numpy() == pytest.approx(TRUTH[name], abs=0.01)
+        assert column.to_numpy() == pytest.approx(TRUTH[name], abs=0.01)
     if make is european:
         assert proposed["unused"] == ["Remark: none"]
         assert reports["aircraft"].to_numpy().tolist() == ["D-ABCD"]
@@ -111,8 +111,8 @@ def test_guesses_are_marked_and_what_is_missing_is_said(tmp_path):
     )
     assert "tail: {value: recorder}   # one aircraft a file is a guess" in shown.output
     assert "still missing: pressure_altitude_ft or pressure_hPa" in shown.output
-    whole = table.assign(alt=33000)
-    whole.to_csv(path, index=False)
+    complete = table.assign(alt=33000)
+    complete.to_csv(path, index=False)
     shown = CliRunner().invoke(cli.app, ["inspect", str(path)])
     assert "reports: 4" in shown.output and "alt: {name: pressure_altitude_ft, unit: ft}" in (
         shown.output

@@ -23,22 +23,22 @@ def notes_of(reports):
 def test_read_reports_is_each_file_read_and_assembled(tmp_path):
     days = [flight(start=f"2009-01-0{day}T12:00", tail=f"N{day % 2}") for day in range(5, 9)]
     paths = [write(tmp_path / f"{n}.csv", day) for n, day in enumerate(days)]
-    parts, audit = zip(*(read_file(path) for path in paths), strict=True)
-    assert [len(part) for part in parts] == [one.kept for one in audit] == [10] * 4
-    whole = read_reports(paths)
-    xr.testing.assert_identical(assemble(parts[::-1]).drop_attrs(), whole.drop_attrs())
-    assert Audit.from_dict(audit[0].as_dict()) == audit[0]
+    tables, audits = zip(*(read_file(path) for path in paths), strict=True)
+    assert [len(table) for table in tables] == [counts.kept for counts in audits] == [10] * 4
+    expected = read_reports(paths)
+    xr.testing.assert_identical(assemble(tables[::-1]).drop_attrs(), expected.drop_attrs())
+    assert Audit.from_dict(audits[0].as_dict()) == audits[0]
 
 
 def test_flights_of_a_month_are_those_that_begin_in_it(tmp_path):
     starts = ("2009-01-31T12:00", "2009-01-31T23:50", "2009-02-01T09:00")
     table = pd.concat([flight(start=start) for start in starts])
-    part, _ = read_file(write(tmp_path / "a.csv", table))
+    table_read, _ = read_file(write(tmp_path / "a.csv", table))
     months = np.arange("2009-01", "2009-05", dtype="M8[M]").astype("M8[ns]")
-    made = [assemble([part], begins=(months[k], months[k + 1])) for k in range(3)]
-    assert [month.sizes["report"] for month in made] == [20, 10, 0]
-    assert made[0]["time"].to_numpy()[-1] > months[1]
-    assert made[0]["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
+    by_month = [assemble([table_read], begins=(months[k], months[k + 1])) for k in range(3)]
+    assert [month.sizes["report"] for month in by_month] == [20, 10, 0]
+    assert by_month[0]["time"].to_numpy()[-1] > months[1]
+    assert by_month[0]["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
 
 
 def test_no_file_is_found(tmp_path, monkeypatch):
@@ -171,16 +171,16 @@ def test_two_aircraft_under_one_address_are_separated(tmp_path, labels):
 
 
 def test_the_summary_of_a_file(tmp_path, real):
-    found = reports_summary(write(tmp_path / "a.csv", flight(roll_flag=["G"] * 9 + [""])))
-    assert (found["format"], found["reports"], found["aircraft"]) == ("csv", 10, 1)
-    assert (found["first"], found["last"]) == ("2009-01-05T12:00:00Z", "2009-01-05T12:27:00Z")
-    assert found["bounding_box"]["south"] == found["bounding_box"]["north"] == 41.5
-    assert found["columns"] == {"pressure": 10, "eastward_wind": 10, "roll_flag": 9}
-    assert found["flags"] == {"roll_flag": {"G": 9, "blank": 1}}
-    json.dumps(found)
-    found = reports_summary(real("reports/acars_19990209_14z.nc"))
-    assert (found["format"], found["reports"], found["aircraft"]) == ("madis", 2304, 298)
-    assert found["flags"]["rollFlag"] == {"B": 120, "G": 388, "N": 1796}
+    summary = reports_summary(write(tmp_path / "a.csv", flight(roll_flag=["G"] * 9 + [""])))
+    assert (summary["format"], summary["reports"], summary["aircraft"]) == ("csv", 10, 1)
+    assert (summary["first"], summary["last"]) == ("2009-01-05T12:00:00Z", "2009-01-05T12:27:00Z")
+    assert summary["bounding_box"]["south"] == summary["bounding_box"]["north"] == 41.5
+    assert summary["columns"] == {"pressure": 10, "eastward_wind": 10, "roll_flag": 9}
+    assert summary["flags"] == {"roll_flag": {"G": 9, "blank": 1}}
+    json.dumps(summary)
+    summary = reports_summary(real("reports/acars_19990209_14z.nc"))
+    assert (summary["format"], summary["reports"], summary["aircraft"]) == ("madis", 2304, 298)
+    assert summary["flags"]["rollFlag"] == {"B": 120, "G": 388, "N": 1796}
 
 
 MODULE = """

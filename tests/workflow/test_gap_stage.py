@@ -47,41 +47,41 @@ def frame(gap_archive, collocated, tmp_path_factory):
     return job, Frame.from_headings(gap_stage.make_headings(job), reference=members)
 
 
-def begin(job, frame, **given):
-    return gap_stage.starting_point(job, **given)(frame)
+def begin(job, frame, **options):
+    return gap_stage.starting_point(job, **options)(frame)
 
 
 def test_known_effects_are_not_stated_again_and_headings_are_not_made_again(
     archive, collocated, tmp_path
 ):
     months = sorted((collocated(tmp_path / "out") / "headings").glob("*.nc"))
-    made = [path.stat().st_mtime_ns for path in months]
-    known = effects_file(tmp_path / "known.yaml", IRON)
+    times = [path.stat().st_mtime_ns for path in months]
+    file = effects_file(tmp_path / "known.yaml", IRON)
     result = CliRunner().invoke(
         app,
-        ["gap", str(archive), "--output", str(tmp_path / "out"), "--known", str(known), "--quiet"],
+        ["gap", str(archive), "--output", str(tmp_path / "out"), "--known", str(file), "--quiet"],
     )
     assert result.exit_code == 0, result.output
-    found = json.loads((tmp_path / "out" / "gap.json").read_text())
+    content = json.loads((tmp_path / "out" / "gap.json").read_text())
     report = GapReport.read(tmp_path / "out" / "gap.json")
-    assert json_types(report.content()) == found
-    assert [(one.name, one.tails) for one in report.effects] == [("tas_scale", ["N403"])]
-    assert [path.stat().st_mtime_ns for path in months] == made
+    assert json_types(report.content()) == content
+    assert [(effect.name, effect.tails) for effect in report.effects] == [("tas_scale", ["N403"])]
+    assert [path.stat().st_mtime_ns for path in months] == times
     headings = read_product(tmp_path / "out" / "headings")
-    assert found["headings_uuid"] == headings.attrs["uuid"]
+    assert content["headings_uuid"] == headings.attrs["uuid"]
     reached = np.isfinite(headings["reference_eastward_wind"].to_numpy())
     for name in DERIVATIVES:
         assert np.isfinite(headings[name].to_numpy()[reached]).mean() > 0.9, name
-    (known_entry,) = found["known"]
+    (known_entry,) = content["known"]
     assert known_entry["disagreement_without_kt"] > known_entry["disagreement_with_kt"] + 0.2
-    assert found["gap"]["mean_vector_disagreement_kt"] == pytest.approx(
+    assert content["gap"]["mean_vector_disagreement_kt"] == pytest.approx(
         known_entry["disagreement_with_kt"], abs=0.05
     )
     assert "1 known effect of" in result.output
     assert "1 known effect of" in (tmp_path / "out" / "gap" / "index.html").read_text()
-    both = read_effects(tmp_path / "out" / "effects.yaml")
-    assert [one.name for one in both] == ["hard_iron", "tas_scale"]
-    assert both[1:] == active_effects(report)
+    all_effects = read_effects(tmp_path / "out" / "effects.yaml")
+    assert [effect.name for effect in all_effects] == ["hard_iron", "tas_scale"]
+    assert all_effects[1:] == active_effects(report)
 
 
 def test_simulated_reports_match_and_leave_the_effects_they_lack(
@@ -104,10 +104,10 @@ def test_simulated_reports_match_and_leave_the_effects_they_lack(
     assert done.exit_code == 0, done.output
     content = json.loads(done.output)
     assert content == json.loads((tmp_path / "out" / "gap.json").read_text())
-    found = GapReport.of(content)
-    assert [(e.name, e.tails) for e in found.effects] == [("hard_iron", ["N401"])]
-    assert found.simulation.matched == found.simulation.of
-    assert "reports matched)" in verdict(found)
+    report = GapReport.of(content)
+    assert [(e.name, e.tails) for e in report.effects] == [("hard_iron", ["N401"])]
+    assert report.simulation.matched == report.simulation.of
+    assert "reports matched)" in verdict(report)
 
 
 def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp_path, monkeypatch):
@@ -119,8 +119,8 @@ def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp
         (folder / path.name).write_text("".join(table).replace("N406", "N906"))
     asked = []
 
-    def effects_of(other):
-        asked.append(other)
+    def effects_of(simulation):
+        asked.append(simulation)
         entries = [
             IRON,
             {**SCALE, "tails": ["N906"]},
@@ -132,7 +132,7 @@ def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp
     start = begin(job, archive_frame, simulated=f"{folder}/*.csv")
     assert asked[0].config.reports.files == [f"{folder}/*.csv"]
     assert asked[0].output.parent == job.output
-    assert [(one.name, one.tails) for one in start.removed] == [
+    assert [(effect.name, effect.tails) for effect in start.removed] == [
         ("hard_iron", ("N401",)),
         ("tas_offset", None),
     ]

@@ -48,8 +48,8 @@ def archive(tmp_path_factory):
         pd.Timestamp("2009-01-31T23:45") - first
     )
     (folder / "days").mkdir()
-    for day, part in table.groupby(table["time"].dt.date):
-        part.to_parquet(folder / f"days/{day}.parquet", index=False)
+    for day, of_day in table.groupby(table["time"].dt.date):
+        of_day.to_parquet(folder / f"days/{day}.parquet", index=False)
     return folder
 
 
@@ -66,10 +66,10 @@ def emptied(archive):
 
 
 @pytest.fixture(scope="module")
-def whole(archive):
+def complete(archive):
     """Products of a run of all of it, never changed by a test."""
     shutil.copytree(archive / "days", archive / "reports", dirs_exist_ok=True)
-    made(archive)
+    make(archive)
     return (archive / "results").rename(archive / "whole")
 
 
@@ -80,7 +80,7 @@ def job_of(folder, *, fresh=False, **changes):
     return workflow.Job(load_config(path), Progress(quiet=True), fresh)
 
 
-def made(folder, **changes):
+def make(folder, **changes):
     """Headings, fits and corrected winds; the months of headings that were made."""
     job = job_of(folder, **changes)
     with workspace(job.output):
@@ -93,16 +93,16 @@ def made(folder, **changes):
     return months["made"]
 
 
-def kept_from(archive, whole):
+def begin_with(archive, complete):
     """Begin with the products of the run of all."""
-    shutil.copytree(whole, archive / "results")
+    shutil.copytree(complete, archive / "results")
 
 
 def days(folder, *patterns):
     return [path for pattern in patterns for path in (folder / "reports").glob(pattern)]
 
 
-def test_months_made_night_by_night_are_what_one_run_gives(archive, whole):
+def test_months_made_night_by_night_are_what_one_run_gives(archive, complete):
     later = {path.name: path.rename(archive / "aside" / path.name) for path in days(archive, "*")}
 
     def add(first, last):
@@ -111,28 +111,28 @@ def test_months_made_night_by_night_are_what_one_run_gives(archive, whole):
                 later.pop(name).rename(archive / "reports" / name)
 
     add("2009-01-01", "2009-02-10")
-    assert made(archive) == [JANUARY, FEBRUARY]
+    assert make(archive) == [JANUARY, FEBRUARY]
     january = (archive / "results/headings/2009-01.nc").stat().st_mtime_ns
     add("2009-02-10", "2009-02-26")
-    assert made(archive) == [FEBRUARY]
+    assert make(archive) == [FEBRUARY]
     add("2009-02-26", "2009-03-05")
-    assert made(archive) == [FEBRUARY, MARCH]
+    assert make(archive) == [FEBRUARY, MARCH]
     add("2009-03-05", "2009-04-01")
-    assert made(archive) == [MARCH]
+    assert make(archive) == [MARCH]
     assert (archive / "results/headings/2009-01.nc").stat().st_mtime_ns == january
-    assert made(archive) == []
-    assert fault_drill.differences(whole, archive / "results") == []
+    assert make(archive) == []
+    assert fault_drill.differences(complete, archive / "results") == []
 
 
-def test_a_flight_over_the_end_of_a_month_is_whole_in_the_month_it_began_in(whole):
+def test_a_flight_over_the_end_of_a_month_is_whole_in_the_month_it_began_in(complete):
     january, february = (
-        airswing.open_product(whole / f"headings/{month}.nc") for month in (JANUARY, FEBRUARY)
+        airswing.open_product(complete / f"headings/{month}.nc") for month in (JANUARY, FEBRUARY)
     )
     assert january["time"].max() > np.datetime64("2009-02-01")
     assert february["time"].min() > january["time"].max() - np.timedelta64(1, "D")
-    joined = airswing.open_product(whole / "headings")
+    joined = airswing.open_product(complete / "headings")
     assert joined.sizes["report"] == sum(
-        airswing.open_product(whole / f"headings/{month}.nc").sizes["report"] for month in ALL
+        airswing.open_product(complete / f"headings/{month}.nc").sizes["report"] for month in ALL
     )
     for start, size in zip(
         np.cumsum(joined["row_size"]) - joined["row_size"], joined["row_size"], strict=True
@@ -142,48 +142,48 @@ def test_a_flight_over_the_end_of_a_month_is_whole_in_the_month_it_began_in(whol
         assert (np.diff(joined["flight"][rows]) >= 0).all()
 
 
-def test_changed_reports_make_their_month_anew(archive, whole):
+def test_changed_reports_make_their_month_anew(archive, complete):
     """Late, corrected and withdrawn reports; not the same reports in other files."""
-    kept_from(archive, whole)
+    begin_with(archive, complete)
     files = days(archive, "2009-02*")
     pd.concat(map(pd.read_parquet, files)).to_parquet(archive / "reports/all.parquet", index=False)
     for path in files:
         path.unlink()
-    assert made(archive) == []
-    day, other = min(days(archive, "2009-01-1*")), max(days(archive, "2009-03*"))
+    assert make(archive) == []
+    day, late_day = min(days(archive, "2009-01-1*")), max(days(archive, "2009-03*"))
     table = pd.read_parquet(day)
-    moved = table.iloc[:30].assign(time=table["time"].iloc[:30] + pd.Timedelta("20 min"))
-    moved.to_parquet(archive / "reports/late.parquet", index=False)
-    assert made(archive) == [JANUARY]
-    table = pd.read_parquet(other)
-    table.assign(wind_speed_kt=table["wind_speed_kt"] + 1).to_parquet(other, index=False)
-    assert made(archive) == [MARCH]
+    delayed = table.iloc[:30].assign(time=table["time"].iloc[:30] + pd.Timedelta("20 min"))
+    delayed.to_parquet(archive / "reports/late.parquet", index=False)
+    assert make(archive) == [JANUARY]
+    table = pd.read_parquet(late_day)
+    table.assign(wind_speed_kt=table["wind_speed_kt"] + 1).to_parquet(late_day, index=False)
+    assert make(archive) == [MARCH]
     day.unlink()
-    assert made(archive) == [JANUARY]
+    assert make(archive) == [JANUARY]
     for path in days(archive, "2009-03*"):
         path.unlink()
-    assert made(archive) == [FEBRUARY]  # its neighbour is gone
-    assert made(archive) == []
-    found = sorted(path.name for path in (archive / "results").rglob("*2009-*.nc"))
-    assert found == [f"{month}.nc" for month in (JANUARY, JANUARY, FEBRUARY, FEBRUARY)]
+    assert make(archive) == [FEBRUARY]  # its neighbour is gone
+    assert make(archive) == []
+    names = sorted(path.name for path in (archive / "results").rglob("*2009-*.nc"))
+    assert names == [f"{month}.nc" for month in (JANUARY, JANUARY, FEBRUARY, FEBRUARY)]
 
 
-def test_new_model_files_make_their_month_anew_and_those_that_went_away_do_not(archive, whole):
-    kept_from(archive, whole)
+def test_new_model_files_make_their_month_anew_and_those_that_went_away_do_not(archive, complete):
+    begin_with(archive, complete)
     some = sorted((archive / "model").glob("200902*"))[40:60]
     for path in some:
         path.rename(archive / "aside" / path.name)
-    assert made(archive) == []
+    assert make(archive) == []
     for path in some:
         shutil.copy2(archive / "aside" / path.name, path)
         os.utime(path)  # written anew: another time of change
-    assert made(archive) == [FEBRUARY]
+    assert make(archive) == [FEBRUARY]
     for path in some:
         path.unlink()
 
 
 def test_model_files_lost_while_they_are_read_are_read_by_the_next_run(
-    archive, whole, monkeypatch, capsys
+    archive, complete, monkeypatch, capsys
 ):
     lost = sorted((archive / "model").glob("200902*"))[40:60]
 
@@ -199,14 +199,14 @@ def test_model_files_lost_while_they_are_read_are_read_by_the_next_run(
     with workspace(job.output):
         holed = workflow.make_headings(workflow.Job(job.config, Progress()))
     assert "model files that vanished or changed before they were read" in capsys.readouterr().err
-    whole_headings = airswing.open_product(whole / "headings")
+    whole_headings = airswing.open_product(complete / "headings")
     missing = holed["reference_eastward_wind"].isnull().sum()
     assert missing > whole_headings["reference_eastward_wind"].isnull().sum()
     monkeypatch.undo()
     for path in lost:
         (archive / "aside" / path.name).rename(path)
-    assert FEBRUARY in made(archive)
-    assert fault_drill.differences(whole, archive / "results") == []
+    assert FEBRUARY in make(archive)
+    assert fault_drill.differences(complete, archive / "results") == []
 
 
 @pytest.mark.parametrize(
@@ -217,22 +217,22 @@ def test_model_files_lost_while_they_are_read_are_read_by_the_next_run(
         ({"fresh": True}, ALL),
     ],
 )
-def test_settings_make_anew_what_depends_on_them(archive, whole, changes, again):
-    kept_from(archive, whole)
-    assert made(archive, **changes) == again
+def test_settings_make_anew_what_depends_on_them(archive, complete, changes, again):
+    begin_with(archive, complete)
+    assert make(archive, **changes) == again
 
 
-def test_another_screening_reads_no_model_file(archive, whole, monkeypatch):
-    kept_from(archive, whole)
+def test_another_screening_reads_no_model_file(archive, complete, monkeypatch):
+    begin_with(archive, complete)
     strict = {"screening": {"max_turn": "3 deg"}}
     with monkeypatch.context() as patch:
         patch.setattr("airswing.workflow.months.collocate", None)
-        found = workflow.make_headings(job_of(archive, **strict))
-    assert json.loads(found.attrs["months"])["made"] == ALL
+        headings = workflow.make_headings(job_of(archive, **strict))
+    assert json.loads(headings.attrs["months"])["made"] == ALL
     shutil.copytree(archive / "results", archive / "aside/screened")
     workflow.make_headings(job_of(archive, fresh=True, **strict))
-    kept, anew = archive / "aside/screened/headings", archive / "results/headings"
-    assert not fault_drill.differences(kept, anew)
+    rescreened, anew = archive / "aside/screened/headings", archive / "results/headings"
+    assert not fault_drill.differences(rescreened, anew)
     shutil.rmtree(archive / "aside/screened")
 
 
@@ -244,12 +244,12 @@ def test_another_screening_reads_no_model_file(archive, whole, monkeypatch):
         ((".airswing/2009-02.json",), 0.0),
     ],
 )
-def test_files_torn_by_a_loss_of_power_are_made_again(archive, whole, names, share):
-    kept_from(archive, whole)
+def test_files_torn_by_a_loss_of_power_are_made_again(archive, complete, names, share):
+    begin_with(archive, complete)
     for path in (archive / "results" / name for name in names):
         path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-    assert made(archive) == [FEBRUARY]
-    assert fault_drill.differences(whole, archive / "results") == []
+    assert make(archive) == [FEBRUARY]
+    assert fault_drill.differences(complete, archive / "results") == []
 
 
 def end_before(folder, name):
@@ -262,19 +262,19 @@ def end_before(folder, name):
         replace(source, target)
 
     whole_files.os.replace = replace_or_end
-    made(folder)
+    make(folder)
 
 
 @pytest.mark.parametrize("name", ["headings/2009-02.nc", "2009-02.json", "corrected/2009-02.nc"])
-def test_a_run_ended_between_write_and_rename_goes_on(archive, whole, name):
-    kept_from(archive, whole)
+def test_a_run_ended_between_write_and_rename_goes_on(archive, complete, name):
+    begin_with(archive, complete)
     (archive / "results/headings/2009-02.nc").unlink()
     process = forked(end_before, archive, name)
     process.join(120)
     assert process.exitcode == 9
     assert [*(archive / "results").rglob("*.part")]
-    assert made(archive) == ([] if "corrected" in name else [FEBRUARY])
-    assert fault_drill.differences(whole, archive / "results") == []
+    assert make(archive) == ([] if "corrected" in name else [FEBRUARY])
+    assert fault_drill.differences(complete, archive / "results") == []
 
 
 OPERATIONS = ["run", "kill", "monitor", "export", "remove", "add", "correct", "damage", "late"]
@@ -289,60 +289,61 @@ def test_operations_in_any_order_end_in_the_products_of_one_run(archive, tmp_pat
     pick, config = random.Random(seed), archive / "config.yaml"
     for path in sorted((archive / "model").glob("200902*"))[40:60]:
         path.rename(archive / "aside" / path.name)
-    made(archive)
+    make(archive)
     for _ in range(steps):
-        what, name = pick.choice(OPERATIONS), pick.choice(sorted((archive / "days").iterdir())).name
-        day, whole = archive / "reports" / name, archive / "days" / name
-        if what == "run":
-            made(archive)
-        elif what == "kill":
-            process = forked(made, archive)
+        operation = pick.choice(OPERATIONS)
+        name = pick.choice(sorted((archive / "days").iterdir())).name
+        day, original = archive / "reports" / name, archive / "days" / name
+        if operation == "run":
+            make(archive)
+        elif operation == "kill":
+            process = forked(make, archive)
             process.join(pick.uniform(0.2, 4.0))
             process.kill()
             process.join()
-        elif what == "monitor":
+        elif operation == "monitor":
             assert command("monitor", config, "--quiet").returncode in (0, 2)
-        elif what == "export":
+        elif operation == "export":
             words = ("--to", "obs_domain", "-o", tmp_path / "OBS_DOMAIN101", "--overwrite")
             assert command("export", config, *words, "--quiet").returncode in (0, 2)
-        elif what == "remove":
+        elif operation == "remove":
             day.unlink(missing_ok=True)
-        elif what == "add":
-            shutil.copy(whole, day)
-        elif what == "correct":
-            pd.read_parquet(whole).assign(wind_speed_kt=33.0).to_parquet(day, index=False)
-        elif what == "damage":
+        elif operation == "add":
+            shutil.copy(original, day)
+        elif operation == "correct":
+            pd.read_parquet(original).assign(wind_speed_kt=33.0).to_parquet(day, index=False)
+        elif operation == "damage":
             day.write_bytes(b"\x00\xff" * 50)
         else:
             for path in (archive / "aside").iterdir():
                 path.rename(archive / "model" / path.name)
-    made(archive)
+    make(archive)
     (archive / "results").rename(archive / "continued")
-    made(archive)
+    make(archive)
     shutil.rmtree(archive / "continued/report", ignore_errors=True)
-    found = fault_drill.differences(archive / "continued", archive / "results")
-    assert not [line for line in found if ": attribute" not in line]
+    differences = fault_drill.differences(archive / "continued", archive / "results")
+    assert not [line for line in differences if ": attribute" not in line]
 
 
-def test_a_folder_of_months_of_different_references_is_refused(archive, whole, tmp_path):
-    shutil.copytree(whole / "headings", tmp_path / "headings")
+def test_a_folder_of_months_of_different_references_is_refused(archive, complete, tmp_path):
+    shutil.copytree(complete / "headings", tmp_path / "headings")
     path = tmp_path / "headings/2009-02.nc"
-    other = airswing.read_product(path).assign_coords(reference=["other"])
-    airswing.write_product(other, path, title="other")
+    renamed = airswing.read_product(path).assign_coords(reference=["other"])
+    airswing.write_product(renamed, path, title="other")
     with pytest.raises(InputError, match="different variables or references"):
         airswing.open_product(tmp_path / "headings")
 
 
-def test_all_products_open_as_one_tree(whole, tmp_path):
-    shutil.copytree(whole, tmp_path / "run")
-    shutil.copy(whole / "fits.nc", tmp_path / "run/gap.nc")
+def test_all_products_open_as_one_tree(complete, tmp_path):
+    shutil.copytree(complete, tmp_path / "run")
+    shutil.copy(complete / "fits.nc", tmp_path / "run/gap.nc")
     (tmp_path / "run/gap").mkdir()  # of the page, no product
     tree = airswing.open_results(tmp_path / "run")
     assert set(tree.children) == {"headings", "fits", "corrected", "gap"}
     assert tree["headings"]["heading"].chunks is not None
     for name in ("headings", "corrected"):
-        opened, read = airswing.open_product(whole / name), airswing.read_product(whole / name)
-        xr.testing.assert_identical(opened.load(), read)
+        opened = airswing.open_product(complete / name).load()
+        xr.testing.assert_identical(opened, airswing.read_product(complete / name))
 
 
 def test_duplicates_around_the_end_of_a_month_are_counted_once(archive):

@@ -36,17 +36,17 @@ def results(root, folder, place, aircraft, first, last):
     (folder.parent / "reports").mkdir(exist_ok=True)
     for path in (root / "data_samples/reports").glob(f"{aircraft}.csv"):
         table = pd.read_csv(path, dtype=str)
-        chosen = table[table["time"].between(first, last)]
-        chosen.to_csv(folder.parent / "reports" / path.name, index=False)
+        selected = table[table["time"].between(first, last)]
+        selected.to_csv(folder.parent / "reports" / path.name, index=False)
     models = {name: root / f"data_samples/{name}/*.gr*" for name in ("ruc", "rtfdaa")}
     config = load_config(configured(folder, folder.parent / "reports/*.csv", models))
     return airswing.run(config.model_copy(update={"compute": place}))
 
 
-def assert_same_bytes(one, other):
-    assert len([*one.output.rglob("*")]) > 12
-    found = fault_drill.differences(one.output, other.output)
-    assert [line for line in found if not line.endswith("attribute airswing_config")] == []
+def assert_same_bytes(first, second):
+    assert len([*first.output.rglob("*")]) > 12
+    differences = fault_drill.differences(first.output, second.output)
+    assert [line for line in differences if not line.endswith("attribute airswing_config")] == []
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from tests.reference.gridded.datasets import latlon
 from tests.reports.tables import row, write
 from typer.testing import CliRunner
 
@@ -16,41 +17,20 @@ from airswing.errors import InputError
 from airswing.workflow.inspection import inspect_file
 from airswing.workflow.main import summary_text
 
-LATITUDE, LONGITUDE = np.arange(40.0, 45.1, 0.5), np.arange(-92.0, -83.9, 0.5)
-TIMES = pd.date_range("2009-03-01", periods=4, freq="1h")
-LEVELS = np.array([70000.0, 50000.0, 30000.0])
-
 
 @pytest.fixture
 def model():
     """Winds linear in place, so that interpolation adds nothing."""
-    shape = (TIMES.size, LEVELS.size, LATITUDE.size, LONGITUDE.size)
-    lat, lon = np.meshgrid(LATITUDE, LONGITUDE, indexing="ij")
-    dims = ("time", "pressure", "latitude", "longitude")
-    winds = {"eastward_wind": lat - 42.0, "northward_wind": lon + 88.0}
-    level = {"units": "Pa", "standard_name": "air_pressure", "positive": "down"}
-    return xr.Dataset(
-        {
-            name: (
-                dims,
-                np.broadcast_to(values, shape).copy(),
-                {"units": "m s-1", "standard_name": name},
-            )
-            for name, values in winds.items()
-        },
-        coords={
-            "time": ("time", TIMES, {"standard_name": "time"}),
-            "pressure": ("pressure", LEVELS, level),
-            "latitude": ("latitude", LATITUDE, {"units": "degrees_north"}),
-            "longitude": ("longitude", LONGITUDE, {"units": "degrees_east"}),
-        },
-    )
+    latitude, longitude = np.arange(40.0, 45.1, 0.5), np.arange(-92.0, -83.9, 0.5)
+    ds = latlon(latitude=latitude, longitude=longitude, hours=4)
+    ds["u"][:], ds["v"][:] = ds["latitude"] - 42.0, ds["longitude"] + 88.0
+    return ds
 
 
 def track(**changes):
     columns = {
         "name": ["007", "b", "c"],
-        "time": ["2009-03-01T00:30:00Z", "2009-03-01T02:00:00Z", "2010-01-01T00:00:00Z"],
+        "time": ["2022-11-11T00:30:00Z", "2022-11-11T02:00:00Z", "2023-01-01T00:00:00Z"],
         "lat": [42.0, 43.0, 43.0],
         "lon": [-90.0, -88.0, -88.0],
         "pressure_hPa": [500.0, 400.0, 400.0],
@@ -59,20 +39,20 @@ def track(**changes):
 
 
 def test_winds_of_the_model_at_the_places(model):
-    found = airswing.append_winds(track(), {"m": model})
-    pd.testing.assert_frame_equal(found[track().columns], track())
-    np.testing.assert_allclose(found["m_eastward_wind_m_s"], [0.0, 1.0, np.nan], atol=1e-6)
-    np.testing.assert_allclose(found["m_northward_wind_m_s"], [-2.0, 0.0, np.nan], atol=1e-6)
+    table = airswing.append_winds(track(), {"m": model})
+    pd.testing.assert_frame_equal(table[track().columns], track())
+    np.testing.assert_allclose(table["m_eastward_wind_m_s"], [0.0, 1.0, np.nan], atol=1e-6)
+    np.testing.assert_allclose(table["m_northward_wind_m_s"], [-2.0, 0.0, np.nan], atol=1e-6)
     # from the north; from the west; after the model's last time there is none
-    np.testing.assert_allclose(found["m_wind_direction_deg"], [0.0, 270.0, np.nan], atol=1e-4)
-    np.testing.assert_allclose(found["m_wind_speed_kt"] * 0.514444, [2.0, 1.0, np.nan], rtol=1e-5)
+    np.testing.assert_allclose(table["m_wind_direction_deg"], [0.0, 270.0, np.nan], atol=1e-4)
+    np.testing.assert_allclose(table["m_wind_speed_kt"] * 0.514444, [2.0, 1.0, np.nan], rtol=1e-5)
 
 
 def test_levels_in_feet_and_names_of_the_user(model):
     feet = [18289.0, 23574.0, 23574.0]  # 500 and 400 hPa of the standard atmosphere
     table = track(fl=feet).drop(columns="pressure_hPa")
-    found = airswing.append_winds(table, {"m": model}, columns={"fl": "pressure_altitude_ft"})
-    np.testing.assert_allclose(found["m_northward_wind_m_s"], [-2.0, 0.0, np.nan], atol=1e-6)
+    extended = airswing.append_winds(table, {"m": model}, columns={"fl": "pressure_altitude_ft"})
+    np.testing.assert_allclose(extended["m_northward_wind_m_s"], [-2.0, 0.0, np.nan], atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -100,11 +80,11 @@ def test_the_command_keeps_the_table_as_it_is(model, tmp_path):
     track().to_csv(tmp_path / "track.csv", index=False)
     done = collocate()
     assert done.exit_code == 0, done.output
-    found = pd.read_csv(tmp_path / "out.csv", dtype=str)
-    assert list(found["name"]) == ["007", "b", "c"]
-    assert found["m_eastward_wind_m_s"].iloc[1] == "1.000"
+    written = pd.read_csv(tmp_path / "out.csv", dtype=str)
+    assert list(written["name"]) == ["007", "b", "c"]
+    assert written["m_eastward_wind_m_s"].iloc[1] == "1.000"
     assert "2 of 3 rows have a wind of m" in done.output
-    assert "covers 2009-03-01T00:00Z to 2009-03-01T03:00Z" in done.output
+    assert "covers 2022-11-11T00:00Z to 2022-11-11T03:00Z" in done.output
     track().rename(columns={"time": "when"}).to_csv(tmp_path / "track.csv", index=False)
     assert "--columns" in str(collocate().exception)
     assert collocate("--columns", "when=time").exit_code == 0
@@ -118,16 +98,16 @@ def test_a_product_of_grib_files_is_a_product_and_half_of_it_is_named(tmp_path):
     ds = xr.Dataset({"row_size": ("aircraft", [1], {"comment": "from GRIB/*"})})
     path = airswing.write_product(ds, tmp_path / "a.nc", title="T")
     assert b"GRIB" in path.read_bytes()[:4096]
-    found = inspect_file(path)
-    assert (found["kind"], found["title"]) == ("product", "T")
+    summary = inspect_file(path)
+    assert (summary["kind"], summary["title"]) == ("product", "T")
     path.write_bytes(path.read_bytes()[:3000])
     with pytest.raises(InputError, match=r"a\.nc.*a damaged NetCDF file"):
         inspect_file(path)
 
 
 def test_a_table_that_speaks_of_grib_is_reports(tmp_path):
-    found = inspect_file(write(tmp_path / "a.csv", [row(tail="GRIB1"), row(tail="N2")]))
-    assert (found["kind"], found["aircraft"]) == ("reports", 2)
+    summary = inspect_file(write(tmp_path / "a.csv", [row(tail="GRIB1"), row(tail="N2")]))
+    assert (summary["kind"], summary["aircraft"]) == ("reports", 2)
 
 
 # --- summary -----------------------------------------------------------------------------------

@@ -119,9 +119,9 @@ def points(lat, lon, pressure, *, after=0.0, start=START):
     """Reports, `after` hours after a first time."""
     columns = np.broadcast_arrays(lat, lon, pressure, np.atleast_1d(after))
     names = ("latitude", "longitude", "pressure", "after")
-    found = {name: one.astype(float) for name, one in zip(names, columns, strict=True)}
-    after = np.round(found.pop("after") * 3600e9).astype("timedelta64[ns]")
-    return ragged(found | {"time": start.astype("M8[ns]") + after})
+    values = {name: column.astype(float) for name, column in zip(names, columns, strict=True)}
+    after = np.round(values.pop("after") * 3600e9).astype("timedelta64[ns]")
+    return ragged(values | {"time": start.astype("M8[ns]") + after})
 
 
 def by_hand(u, v, levels, fi, fj, pressure):
@@ -129,7 +129,7 @@ def by_hand(u, v, levels, fi, fj, pressure):
 
     `levels` (Pa) by level, or by level, y and x; columns wrap round.
     """
-    found = np.full((2, fi.size), np.nan)
+    result = np.full((2, fi.size), np.nan)
     for n, (i, j, p) in enumerate(zip(fi, fj, pressure, strict=True)):
         i0, j0 = int(np.floor(i)), min(int(np.floor(j)), u.shape[1] - 2)
         total = np.zeros(2)
@@ -140,11 +140,11 @@ def by_hand(u, v, levels, fi, fj, pressure):
             row, column = j0 + dj, (i0 + di) % u.shape[2]
             p_here = levels if levels.ndim == 1 else levels[:, row, column]
             order, outside = np.argsort(p_here), {"left": np.nan, "right": np.nan}
-            for c, one in enumerate((u, v)):
-                values = one[order, row, column]
+            for c, component in enumerate((u, v)):
+                values = component[order, row, column]
                 total[c] += weight * np.interp(np.log(p), np.log(p_here[order]), values, **outside)
-        found[:, n] = total
-    return found[0], found[1]
+        result[:, n] = total
+    return result[0], result[1]
 
 
 def turned(u, v, angle):
@@ -152,10 +152,10 @@ def turned(u, v, angle):
     return u * np.cos(angle) + v * np.sin(angle), -u * np.sin(angle) + v * np.cos(angle)
 
 
-def winds(found, reference=0):
+def winds(collocated, reference=0):
     """u and v of a collocation."""
-    found = found.compute()
+    collocated = collocated.compute()
     return (
-        found["reference_eastward_wind"].values[reference],
-        found["reference_northward_wind"].values[reference],
+        collocated["reference_eastward_wind"].values[reference],
+        collocated["reference_northward_wind"].values[reference],
     )

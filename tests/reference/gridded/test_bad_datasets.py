@@ -60,12 +60,12 @@ CASES = {
 def test_one_clear_message(case, tmp_path):
     ds, words = CASES[case]
     ds.to_netcdf(tmp_path / "bad.nc")
-    for given in (str(tmp_path / "bad.nc"), ds):
+    for source in (str(tmp_path / "bad.nc"), ds):
         with pytest.raises(InputError, match=words) as caught:
-            airswing.build_catalogue(given, name="bad")
+            airswing.build_catalogue(source, name="bad")
         message = str(caught.value)
         assert len(message) < 2000 and "Traceback" not in message
-        if isinstance(given, str):
+        if isinstance(source, str):
             assert "bad.nc" in message or "references.bad" in message
 
 
@@ -88,7 +88,7 @@ def seeds(tmp_path_factory):
     return make_dataset_seeds(tmp_path_factory.mktemp("seeds"))
 
 
-def found(path, cache):
+def catalogue_and_u(path, cache):
     """Catalogue of a file, and u at 40 places on two levels."""
     rng, when = np.random.default_rng(1), np.datetime64("2009-09-16T09:00")
     places = rng.uniform(40.0, 45.0, 40), rng.uniform(-90.0, -85.0, 40)
@@ -98,17 +98,17 @@ def found(path, cache):
 
 
 def test_a_section_that_ends_eccodes_costs_its_message(seeds, tmp_path):
-    _, sound = found(seeds["GRIB2 Gaussian"], tmp_path)
-    parts = seeds["GRIB2 Gaussian"].read_bytes().split(b"GRIB")[1:]
-    parts = [b"GRIB" + part for part in parts]
-    deadly = bytearray(parts[4])
+    _, sound = catalogue_and_u(seeds["GRIB2 Gaussian"], tmp_path)
+    bodies = seeds["GRIB2 Gaussian"].read_bytes().split(b"GRIB")[1:]
+    bodies = [b"GRIB" + body for body in bodies]
+    deadly = bytearray(bodies[4])
     deadly[75] = 1  # byte 39 of section 3, the basic angle: ecCodes ends the process
     path = tmp_path / "gaussian.grib"
-    path.write_bytes(b"".join([*parts[:4], deadly, parts[5]]))
-    model, u = found(path, tmp_path)
+    path.write_bytes(b"".join([*bodies[:4], deadly, bodies[5]]))
+    model, u = catalogue_and_u(path, tmp_path)
     assert np.isfinite(sound).all()
     np.testing.assert_array_equal(u, np.where(np.arange(40) < 20, sound, np.nan))
-    assert [one["count"] for one in model.skipped if one["what"] == "grid"] == [1]
+    assert [entry["count"] for entry in model.skipped if entry["what"] == "grid"] == [1]
 
 
 LIES = [
@@ -128,13 +128,13 @@ def test_attributes_of_another_kind_end_in_a_result_or_one_message(kind, lie, se
     with netCDF4.Dataset(path, "a") as file:
         lie(file)
     try:
-        _, u = found(path, tmp_path)
+        _, u = catalogue_and_u(path, tmp_path)
     except InputError as error:
         assert str(path) in str(error) and len(str(error)) < LONGEST
     else:
         assert np.isfinite(u).any() and np.nanmax(np.abs(u)) < 40.0
     if lie is LIES[-1][1]:  # among several files it is named and left out
         (tmp_path / "sound.nc").write_bytes(seeds[kind].read_bytes())
-        model, u = found(tmp_path / "*.nc", tmp_path)
-        (left,) = [one for one in model.skipped if "lying.nc" in one["file"]]
-        assert "cannot be understood" in left["reason"] and np.isfinite(u).any()
+        model, u = catalogue_and_u(tmp_path / "*.nc", tmp_path)
+        (skipped,) = [entry for entry in model.skipped if "lying.nc" in entry["file"]]
+        assert "cannot be understood" in skipped["reason"] and np.isfinite(u).any()

@@ -53,8 +53,8 @@ def test_projected_winds_against_pyproj(kind, units):
     lon1, lat1 = geographic(kind).transform(px, py + step)
     clockwise = np.arctan2((lon1 - lon0) * np.cos(np.radians(lat)), lat1 - lat0)
     assert kind == "mercator" or np.abs(clockwise).max() > np.radians(2)
-    found = winds(airswing.collocate(points(lat, lon, p), {"x": ds}))
-    np.testing.assert_allclose(found, turned(*along, clockwise), atol=1e-3)
+    collocated = winds(airswing.collocate(points(lat, lon, p), {"x": ds}))
+    np.testing.assert_allclose(collocated, turned(*along, clockwise), atol=1e-3)
 
 
 @pytest.mark.parametrize("first", [0.0, -180.0])
@@ -67,12 +67,12 @@ def test_a_whole_globe_either_way_round(first, north_up):
     where[1][20:40] = np.linspace(176.0, 184.0, 20)
     where[0][40:44] = (90.0, -90.0, 89.99, -89.99)
     p = RNG.uniform(20500.0, 99500.0, 150)
-    found = winds(airswing.collocate(points(*where, p), {"x": ds}))
+    collocated = winds(airswing.collocate(points(*where, p), {"x": ds}))
     fi = np.mod(where[1] - first, 360.0) / 5.0
     fj = np.interp(where[0], np.sort(lat), np.arange(37))
     fj = fj if north_up else 36 - fj
     expected = by_hand(ds.u.values[0], ds.v.values[0], LEVELS * 100, fi, fj, p)
-    np.testing.assert_allclose(found, expected, atol=1e-3)
+    np.testing.assert_allclose(collocated, expected, atol=1e-3)
 
 
 def test_outside_a_regional_grid_there_is_no_wind():
@@ -92,7 +92,7 @@ def test_points_give_the_winds_of_their_projection(kind, mapping):
     ds = projected(kind)
     x, y = axes_of(kind)
     grid = AxesGrid(frame_of(MAPPINGS[kind], field=""), x, y)
-    lat, lon = grid.frame.places(*(one.ravel() for one in np.meshgrid(x, y)))
+    lat, lon = grid.frame.places(*(axis.ravel() for axis in np.meshgrid(x, y)))
     bare = ds.copy(deep=True).drop_vars(["x", "y"])
     if not mapping:
         bare = bare.drop_vars("crs")
@@ -105,9 +105,9 @@ def test_points_give_the_winds_of_their_projection(kind, mapping):
     )
     *_, lat, lon = places_in(kind, 80)
     reports = points(lat, lon, 60000.0)
-    one, two = (winds(airswing.collocate(reports, {"x": d})) for d in (ds, bare))
+    by_axes, by_points = (winds(airswing.collocate(reports, {"x": d})) for d in (ds, bare))
     # without a projection: cells of 60 to 80 km, noise of 15 m/s
-    np.testing.assert_allclose(one, two, atol=1e-4 if mapping else 4e-2)
+    np.testing.assert_allclose(by_axes, by_points, atol=1e-4 if mapping else 4e-2)
 
 
 def test_a_pole_turned_in_its_own_frame():

@@ -26,8 +26,8 @@ def base():
     x, y, z = ds.longitude, ds.latitude, np.log(ds.level)
     hour = PER_HOUR * xr.DataArray([0.0, 1.0], dims="time")
     u, v = x - 0.5 * y + 3 * z + hour, -x + 0.25 * y - 2 * z + hour
-    for name, one in (("u", u), ("v", v)):
-        ds[name] = one.transpose(*ds[name].dims).astype("f4").assign_attrs(ds[name].attrs)
+    for name, values in (("u", u), ("v", v)):
+        ds[name] = values.transpose(*ds[name].dims).astype("f4").assign_attrs(ds[name].attrs)
     return ds
 
 
@@ -38,9 +38,9 @@ def collocated(ds, after=0.0, **options):
 
 def check(ds, after=0.0, **options):
     """The Dataset gives the winds of the plain one."""
-    found = collocated(ds, after, **options)
-    np.testing.assert_allclose(winds(found), EXPECTED + PER_HOUR * after, atol=2e-3)
-    return found
+    collocated_winds = collocated(ds, after, **options)
+    np.testing.assert_allclose(winds(collocated_winds), EXPECTED + PER_HOUR * after, atol=2e-3)
+    return collocated_winds
 
 
 # points, levels and times
@@ -85,35 +85,35 @@ def two_experiments():
     """ERA5 and ERA5T of the former store: each time is in one of them, NaN in the other."""
     ds = base()
     parts = [ds.where(ds.time == ds.time[n]) for n in range(2)]
-    both = xr.concat(parts, dim=xr.Variable("expver", [1, 5])).transpose("time", "expver", ...)
+    joined = xr.concat(parts, dim=xr.Variable("expver", [1, 5])).transpose("time", "expver", ...)
     for name in "uv":
-        both[name].attrs = ds[name].attrs
-    return both
+        joined[name].attrs = ds[name].attrs
+    return joined
 
 
 def native(style):
     """Native levels in several ways; winds are linear in ln p in every column."""
     eta = np.linspace(0.02, 1.0, 9)
     a, b = 20000.0 * (1 - eta) * eta, eta**1.5
-    plain = base()
-    ps = 1e5 - 500.0 * (plain.latitude - 40.0) - 300.0 * plain.longitude
+    isobaric = base()
+    ps = 1e5 - 500.0 * (isobaric.latitude - 40.0) - 300.0 * isobaric.longitude
     standard = {"standard_name": "atmosphere_hybrid_sigma_pressure_coordinate", "positive": "down"}
     lev = xr.DataArray(eta, dims="lev")
     pressure = a.reshape(-1, 1, 1) + b.reshape(-1, 1, 1) * ps.expand_dims(lev=9)
     if style == "sigma":
         pressure = 5000.0 + lev * (ps - 5000.0)
     z = np.log(pressure / 100.0)
-    u = plain.longitude - 0.5 * plain.latitude + 3 * z
-    v = -plain.longitude + 0.25 * plain.latitude - 2 * z
+    u = isobaric.longitude - 0.5 * isobaric.latitude + 3 * z
+    v = -isobaric.longitude + 0.25 * isobaric.latitude - 2 * z
     dims = ("time", "lev", "latitude", "longitude")
     two = xr.DataArray([1.0, 1.0], dims="time")
     ds = xr.Dataset(
         {
-            "ua": (two * u).transpose(*dims).assign_attrs(plain.u.attrs),
-            "va": (two * v).transpose(*dims).assign_attrs(plain.v.attrs),
+            "ua": (two * u).transpose(*dims).assign_attrs(isobaric.u.attrs),
+            "va": (two * v).transpose(*dims).assign_attrs(isobaric.v.attrs),
             "ps": (two * ps).transpose(*dims[:1], *dims[2:]).assign_attrs(units="Pa"),
         },
-        coords={**plain.drop_vars("level").coords, "lev": ("lev", eta * 1000.0, standard)},
+        coords={**isobaric.drop_vars("level").coords, "lev": ("lev", eta * 1000.0, standard)},
     )
     if style == "ap":
         ds["ap"], ds["b"] = ("lev", a / 100.0, {"units": "hPa"}), ("lev", b)
@@ -164,24 +164,24 @@ def renamed(attrs, level="lev", *, north_up=True, pascals=False, **names):
     return ds
 
 
-def both(u, v, attrs, *words):
+def attrs_of(u, v, attrs, *words):
     """Attributes of u and v; the words of each are its long or standard name."""
     key = "standard_name" if words and words[0].endswith("ward_wind") else "long_name"
     named = [{key: text} for text in words] or [{}, {}]
-    return {name: attrs | one for name, one in zip((u, v), named, strict=True)}
+    return {name: attrs | text for name, text in zip((u, v), named, strict=True)}
 
 
 def ncep():
     """NCEP reanalysis: millibars, north to south, levels from the ground up."""
     wind = {"units": "m/s", "statistic": "Individual Obs"}
-    attrs = both("uwnd", "vwnd", wind, "4xDaily U-wind", "4xDaily V-wind")
+    attrs = attrs_of("uwnd", "vwnd", wind, "4xDaily U-wind", "4xDaily V-wind")
     attrs["lev"] = {"units": "millibar", "positive": "down", "axis": "Z", "GRIB_name": "hybl"}
     ds = renamed(attrs, north_up=False, u="uwnd", v="vwnd")
     return ds.assign_coords(lon=np.mod(ds.lon, 360))
 
 
 def merra():
-    attrs = both("U", "V", {"units": "m s-1"}, "eastward_wind", "northward_wind")
+    attrs = attrs_of("U", "V", {"units": "m s-1"}, "eastward_wind", "northward_wind")
     attrs["lev"] = {"units": "hPa", "long_name": "vertical level", "standard_name": "PLE_level"}
     return renamed(attrs, u="U", v="V")
 
@@ -195,7 +195,7 @@ def cmip():
 def ncl():
     """GRIB by NCL."""
     u, v = "UGRD_P0_L100_GLL0", "VGRD_P0_L100_GLL0"
-    attrs = both(u, v, {"units": "m s-1"}, "U-component of wind", "V-component of wind")
+    attrs = attrs_of(u, v, {"units": "m s-1"}, "U-component of wind", "V-component of wind")
     attrs["lv_ISBL0"] = {"units": "Pa", "long_name": "Isobaric surface"}
     return renamed(attrs, "lv_ISBL0", pascals=True, u=u, v=v, time="initial_time0_hours")
 
@@ -203,7 +203,7 @@ def ncl():
 def grads():
     """GrADS' server (NOMADS): units are at the end of the long name."""
     words = (f"** (1000 975 950 925 900..) {c}-component of wind [m/s] " for c in "uv")
-    attrs = both("ugrdprs", "vgrdprs", {}, *words)
+    attrs = attrs_of("ugrdprs", "vgrdprs", {}, *words)
     attrs["lev"] = {"units": "millibar", "grads_dim": "z", "long_name": "altitude"}
     return renamed(attrs, u="ugrdprs", v="vgrdprs")
 
@@ -221,12 +221,12 @@ def other_levels_too():
     calm = 0.0 * ds.u.isel(level=0, drop=True)
     layer = {"units": "Pa", "long_name": "Level at specified pressure difference from ground"}
     ds["layer"] = ("layer", [3000.0, 6000.0], layer)
-    for name, one, words in (
+    for name, values, words in (
         ("u10", calm, "10 metre U wind component"),
         ("v10", calm, "10 metre V wind component"),
         ("u_layer", calm.expand_dims(layer=ds.layer, axis=1), "u-component of wind @ other"),
     ):
-        ds[name] = one.assign_attrs(units="m/s", long_name=words)
+        ds[name] = values.assign_attrs(units="m/s", long_name=words)
     return ds
 
 
@@ -261,7 +261,7 @@ LAYOUTS = {
     "fill values that no attribute names": filled,
     "preliminary and final data": two_experiments,
     "Climate Data Store": cds_new,
-    "names alone": lambda: renamed(both("UGRD", "VGRD", {"units": "m/s"}), u="UGRD", v="VGRD"),
+    "names alone": lambda: renamed(attrs_of("UGRD", "VGRD", {"units": "m/s"}), u="UGRD", v="VGRD"),
     "NCEP": ncep,
     "MERRA-2": merra,
     "CMIP": cmip,
@@ -269,14 +269,14 @@ LAYOUTS = {
     "GrADS": grads,
     "knots": knots,
     "winds on other levels too": other_levels_too,
-    **{f"native levels: {one}": partial(native, one) for one in ("ap", "p0", "sigma", "p")},
+    **{f"native levels: {style}": partial(native, style) for style in ("ap", "p0", "sigma", "p")},
 }
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_every_layout_gives_the_same_winds(layout):
-    found = check(LAYOUTS[layout]())
-    assert found["lead_time"].values[0] == pytest.approx(0.0)
+    result = check(LAYOUTS[layout]())
+    assert result["lead_time"].values[0] == pytest.approx(0.0)
 
 
 def test_the_second_of_preliminary_and_final_data():
@@ -335,8 +335,8 @@ FORECASTS = {
 def test_runs_and_leads(style):
     ds = FORECASTS[style]()
     for naming in ({}, {"time": "time"}) if style.startswith("Weather") else ({},):
-        found = check(ds, after=1.0, naming=naming)
-        np.testing.assert_allclose(found["lead_time"].values[0], 1.0)
+        result = check(ds, after=1.0, naming=naming)
+        np.testing.assert_allclose(result["lead_time"].values[0], 1.0)
     with pytest.raises(InputError, match="lead condition"):
         airswing.build_catalogue(ds, name="m", lead=">= 3 h")
 
@@ -433,8 +433,8 @@ def test_a_projection_that_the_points_do_not_have():
 )
 def test_whether_winds_point_along_the_grid(standard, flag, configured, along):
     ds = projected("lambert")
-    for name, one, way in zip(("ua", "va"), standard, ("east", "north"), strict=True):
-        ds[name].attrs |= {"standard_name": one, "long_name": f"{way}ward wind"}
+    for name, standard_name, way in zip(("ua", "va"), standard, ("east", "north"), strict=True):
+        ds[name].attrs |= {"standard_name": standard_name, "long_name": f"{way}ward wind"}
         ds[name].attrs |= {} if flag is None else {"GRIB_uvRelativeToGrid": flag}
     naming = {"winds": configured} if configured else None
     model = airswing.build_catalogue(ds, name="m", naming=naming)
@@ -442,5 +442,5 @@ def test_whether_winds_point_along_the_grid(standard, flag, configured, along):
     notes = " ".join(model.notes)
     assert ("along the grid" if along else "to true east") in notes
     assert ("not given" in notes) is (standard[0] == "" and configured is None)
-    found = airswing.collocate(points([40.0], [-97.0], 50000.0), {"m": model})
-    assert notes in found.attrs["reference_notes"]
+    result = airswing.collocate(points([40.0], [-97.0], 50000.0), {"m": model})
+    assert notes in result.attrs["reference_notes"]

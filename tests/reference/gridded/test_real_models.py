@@ -25,13 +25,13 @@ def test_wrf_pythons_own_winds_and_pressure(real):
         pressure = answers.pressure.values.astype(float) * 100.0
         p = np.sqrt(pressure[k, j, i] * pressure[k - 1, j, i])
         lat, lon = (answers[n].values[j, i].astype(float) for n in ("lat", "lon"))
-        expected = [(one[k, j, i] + one[k - 1, j, i]) / 2.0 for one in answers.uvmet.values]
+        expected = [(w[k, j, i] + w[k - 1, j, i]) / 2.0 for w in answers.uvmet.values]
     reports = points(lat, lon, p, start=np.datetime64(text.replace("_", "T")))
-    found = airswing.collocate(reports, {"wrf": airswing.build_catalogue(str(path), name="wrf")})
+    got = airswing.collocate(reports, {"wrf": airswing.build_catalogue(str(path), name="wrf")})
     # XLAT and XLONG are of single precision: 0.3 m of 10 km in a hurricane.
-    np.testing.assert_allclose(winds(found), expected, atol=5e-3)
-    assert np.sqrt(np.mean((np.array(winds(found)) - expected) ** 2)) < 5e-4
-    assert found.lead_time.values[0] == pytest.approx(12.0)  # of START_DATE
+    np.testing.assert_allclose(winds(got), expected, atol=5e-3)
+    assert np.sqrt(np.mean((np.array(winds(got)) - expected) ** 2)) < 5e-4
+    assert got.lead_time.values[0] == pytest.approx(12.0)  # of START_DATE
 
 
 def test_meps_hybrid_levels_by_hand(real):
@@ -52,10 +52,10 @@ def test_meps_hybrid_levels_by_hand(real):
     model = airswing.build_catalogue(str(path), name="meps", member=number)
     assert any("standard_name" in note for note in model.notes)
     reports = points(lat, lon, p, start=np.datetime64("2017-05-22T06"))
-    found = airswing.collocate(reports, {"m": model})
+    got = airswing.collocate(reports, {"m": model})
     expected = turned(*along, angle)
     assert np.isfinite(expected[0]).all()
-    np.testing.assert_allclose(winds(found), expected, atol=1e-3)
+    np.testing.assert_allclose(winds(got), expected, atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -74,30 +74,29 @@ def test_pressure_levels_by_hand(name, u, v, dims, real):
     path = real(f"models/{name}")
     with xr.open_dataset(path) as ds:
         when = ds.time.values[0]
-        one, two = (ds[n].isel(time=0).transpose(*dims).values.astype(float) for n in (u, v))
+        east, north = (ds[n].isel(time=0).transpose(*dims).values.astype(float) for n in (u, v))
         level, lat, lon = (ds[d].values.astype(float) for d in dims)
         level = level * {"Pa": 1.0, "millibars": 100.0}[ds[dims[0]].units]
     fi, fj = RNG.uniform(0, lon.size - 1, 300), RNG.uniform(0, lat.size - 1, 300)
     p = np.exp(RNG.uniform(np.log(level.min()), np.log(level.max()), 300))
     where = np.interp(fj, range(lat.size), lat), np.interp(fi, range(lon.size), lon)
     reports = points(where[0], where[1] - 360.0 * RNG.integers(0, 2, 300), p, start=when)
-    found = airswing.collocate(reports, {"m": airswing.build_catalogue(str(path), name="m")})
-    np.testing.assert_allclose(winds(found), by_hand(one, two, level, fi, fj, p), atol=1e-3)
+    got = airswing.collocate(reports, {"m": airswing.build_catalogue(str(path), name="m")})
+    np.testing.assert_allclose(winds(got), by_hand(east, north, level, fi, fj, p), atol=1e-3)
 
 
 def test_a_lambert_grid_as_cfgrib_opens_it(real, tmp_path):
     """Latitudes and longitudes of every point, the projection in GRIB attributes."""
     path = str(real("grib/nam_g211_20180917_00z.grib2"))
     keys = [{"typeOfLevel": "isobaricInhPa", "cfVarName": name} for name in "uv"]
-    options = [{"indexpath": "", "filter_by_keys": one} for one in keys]
-    parts = [xr.open_dataset(path, engine="cfgrib", backend_kwargs=one) for one in options]
+    options = [{"indexpath": "", "filter_by_keys": k} for k in keys]
+    parts = [xr.open_dataset(path, engine="cfgrib", backend_kwargs=o) for o in options]
     lat, lon = RNG.uniform(25, 45, 200), RNG.uniform(-120, -80, 200)
     pressure = RNG.uniform(21000, 99000, 200)
     reports = points(lat, lon, pressure, start=np.datetime64("2018-09-17"))
     scanned = airswing.build_catalogue(path, name="o", cache_dir=tmp_path)
-    found = airswing.collocate(
-        reports, {"o": scanned, "d": xr.merge(parts, compat="override")}
-    ).compute()
-    assert "the GRIB flag" in found.attrs["reference_notes"]
-    np.testing.assert_allclose(*found.reference_eastward_wind.values, atol=1e-4)
-    np.testing.assert_allclose(*found.reference_northward_wind.values, atol=1e-4)
+    opened = xr.merge(parts, compat="override")
+    got = airswing.collocate(reports, {"o": scanned, "d": opened}).compute()
+    assert "the GRIB flag" in got.attrs["reference_notes"]
+    np.testing.assert_allclose(*got.reference_eastward_wind.values, atol=1e-4)
+    np.testing.assert_allclose(*got.reference_northward_wind.values, atol=1e-4)

@@ -14,10 +14,10 @@ from airswing.reports.formats.bufr import decode_messages
 
 
 def test_the_real_file_agrees_with_eccodes_report_by_report(real, tmp_path):
-    whole = real("reports/amdar_20090123_europe.bufr")
-    assert whole.read_bytes().count(b"BUFR") == read_file(whole)[1].read == 6698
+    source = real("reports/amdar_20090123_europe.bufr")
+    assert source.read_bytes().count(b"BUFR") == read_file(source)[1].read == 6698
     path = tmp_path / "part.bufr"  # every fourth message
-    path.write_bytes(b"".join(b"BUFR" + one for one in whole.read_bytes().split(b"BUFR")[1::4]))
+    path.write_bytes(b"".join(b"BUFR" + body for body in source.read_bytes().split(b"BUFR")[1::4]))
     tails = ("aircraftRegistrationNumberOrOtherIdentification", "aircraftFlightNumber")
     numbers = ("latitude", "longitude", "hour", "minute", "windSpeed", "airTemperature")
 
@@ -44,8 +44,8 @@ def test_the_real_file_agrees_with_eccodes_report_by_report(real, tmp_path):
     assert minute.tolist() == (60 * named["hour"] + named["minute"]).tolist()
     np.testing.assert_allclose(frame[["latitude", "longitude"]], named[["latitude", "longitude"]])
     np.testing.assert_allclose(frame["air_temperature"], named["airTemperature"], rtol=1e-6)
-    known = frame["wind_speed"].notna()
-    np.testing.assert_allclose(frame["wind_speed"][known], named["windSpeed"][known], rtol=1e-6)
+    valid = frame["wind_speed"].notna()
+    np.testing.assert_allclose(frame["wind_speed"][valid], named["windSpeed"][valid], rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -146,17 +146,17 @@ def test_a_message_that_ends_the_process_costs_one_report(tmp_path):
     path = tmp_path / "a.bufr"
     bufr_file(path)
     sound = read_reports(path)
-    messages = [b"BUFR" + part for part in path.read_bytes().split(b"BUFR")[1:]]
+    messages = [b"BUFR" + body for body in path.read_bytes().split(b"BUFR")[1:]]
     deadly = bytearray(messages[0])
     deadly[10], deadly[39] = 68, 127
     with pytest.raises(WorkerEndedError):
         guarded(decode_messages, [bytes(deadly)])
     path.write_bytes(b"".join([messages[1], bytes(deadly), b"noise", *messages[2:]]))
-    found = read_reports(path)
-    assert audit_of(found)["dropped"] == {"undecodable_message": 1}
-    assert found.sizes["report"] == sound.sizes["report"] - 1 == 11
-    same = np.isin(sound["aircraft"].to_numpy()[aircraft_of_report(sound)], found["aircraft"])
-    np.testing.assert_array_equal(found["eastward_wind"], sound["eastward_wind"][same])
+    read = read_reports(path)
+    assert audit_of(read)["dropped"] == {"undecodable_message": 1}
+    assert read.sizes["report"] == sound.sizes["report"] - 1 == 11
+    same = np.isin(sound["aircraft"].to_numpy()[aircraft_of_report(sound)], read["aircraft"])
+    np.testing.assert_array_equal(read["eastward_wind"], sound["eastward_wind"][same])
 
 
 @pytest.mark.parametrize("template", [311008, 311009])

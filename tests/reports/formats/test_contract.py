@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from benchmarks.fuzz.seeds import bufr_file
 from tests.reports.formats import test_other_formats as others
-from tests.reports.formats.test_madis import made
+from tests.reports.formats.test_madis import write_madis
 from tests.reports.tables import flight, write
 
 from airswing.errors import InputError
@@ -19,7 +19,7 @@ from airswing.reports.formats import formats
 WRITERS = {
     "csv": lambda path: write(path, flight()),
     "parquet": lambda path: flight().to_parquet(path),
-    "madis": made,
+    "madis": write_madis,
     "ioda": others.ioda,
     "bufr": bufr_file,
     "g1000": others.g1000_log,
@@ -57,8 +57,8 @@ def test_a_file_of_each_format(tmp_path, name):
         for packed in (gzip.compress, bz2.compress):
             path.write_bytes(packed(content))
             pd.testing.assert_frame_equal(read_file(path)[0], frame)
-    for part in (content[: len(content) // 2], content[:100], content[:-20] + bytes(20)):
-        path.write_bytes(part)
+    for damaged in (content[: len(content) // 2], content[:100], content[:-20] + bytes(20)):
+        path.write_bytes(damaged)
         try:
             cut, _ = read_file(path)
         except InputError as error:

@@ -52,10 +52,10 @@ def test_the_real_file_agrees_with_an_independent_reading(real):
     position = {key: index for index, key in enumerate(keys) if keys.count(key) == 1}
     ours = ds["aircraft"].to_numpy()[aircraft_of_report(ds)]
     seconds = ds["time"].to_numpy().astype(np.int64) / 1e9
-    found = list(zip(ours, seconds, ds["latitude"].to_numpy().astype("f4"), strict=True))
-    known = [k for k, key in enumerate(found) if key in position]
-    index = [position[found[k]] for k in known]
-    assert len(known) > 2250
+    ours_by_key = list(zip(ours, seconds, ds["latitude"].to_numpy().astype("f4"), strict=True))
+    matched = [k for k, key in enumerate(ours_by_key) if key in position]
+    index = [position[ours_by_key[k]] for k in matched]
+    assert len(matched) > 2250
     for name, wanted in {
         "eastward_wind": -speed * np.sin(direction),
         "northward_wind": -speed * np.cos(direction),
@@ -65,13 +65,13 @@ def test_the_real_file_agrees_with_an_independent_reading(real):
         "pressure": pressure,
     }.items():
         np.testing.assert_allclose(
-            ds[name].to_numpy()[known], wanted[index], rtol=1e-5, atol=1e-4, err_msg=name
+            ds[name].to_numpy()[matched], wanted[index], rtol=1e-5, atol=1e-4, err_msg=name
         )
 
 
-def made(path, **variables):
+def write_madis(path, **variables):
     """A small file in the style of later versions; text is written as bytes of its codes."""
-    plain = {
+    defaults = {
         "timeObs": 1231156800.0 + 60.0 * np.arange(4),
         "latitude": np.full(4, 41.5, "f4"),
         "longitude": np.linspace(-87.0, -86.8, 4).astype("f4"),
@@ -86,7 +86,7 @@ def made(path, **variables):
         file.createDimension("enLen", 12)
         tail = file.createVariable("en_tailNumber", "S1", ("recNum", "enLen"))
         tail[:4] = np.array([list("FSL00007".ljust(12, "\x00"))] * 4, "S1")
-        for name, values in {**plain, **variables}.items():
+        for name, values in {**defaults, **variables}.items():
             if isinstance(values, str):
                 values = np.frombuffer(values.encode(), dtype=np.int8)
             fill = 99999.0 if values.dtype.kind == "f" and name != "timeObs" else None
@@ -101,12 +101,12 @@ def test_platform_by_data_source(tmp_path, real):
         tails = netCDF4.chartostring(file["en_tailNumber"][:], encoding="latin-1")
         stream = np.asarray(file["dataSource"][:])
     tamdar = {str(name).rstrip("\x00 ") for name in tails[stream == 4]}
-    found = ds["aircraft"].to_numpy()[ds["platform"].to_numpy() == PLATFORM["TAMDAR"]]
+    tails_read = ds["aircraft"].to_numpy()[ds["platform"].to_numpy() == PLATFORM["TAMDAR"]]
     assert len(tamdar) == 43
-    assert set(found.tolist()) == tamdar
+    assert set(tails_read.tolist()) == tamdar
     # Most reports count; a code nobody knows is ACARS, as the files are.
-    one = read_reports(made(tmp_path / "a.nc", dataSource=np.array([1, 4, 4, -9], "i2")))
-    assert one["platform"].to_numpy().tolist() == [PLATFORM["TAMDAR"]]
+    reports = read_reports(write_madis(tmp_path / "a.nc", dataSource=np.array([1, 4, 4, -9], "i2")))
+    assert reports["platform"].to_numpy().tolist() == [PLATFORM["TAMDAR"]]
 
 
 DESCRIPTORS = {"temperatureDD": "VXQZ", "windDirDD": "CSBZ", "windSpeedDD": "CXGZ"}
@@ -122,7 +122,7 @@ ERRORS |= {"dataDescriptor": "RRRX", "errorType": "....", "correctedFlag": "rflr
     ],
 )
 def test_letters_of_descriptors_and_errors(tmp_path, letters, temperature, wind, codes):
-    ds = read_reports(made(tmp_path / "a.nc", rollFlag="GBN-", **letters))
+    ds = read_reports(write_madis(tmp_path / "a.nc", rollFlag="GBN-", **letters))
     assert ds["temperature_qc"].to_numpy().tolist() == temperature
     assert ds["wind_qc"].to_numpy().tolist() == wind
     assert ds["roll_flag"].to_numpy().tolist() == [1, 2, 3, 0]
@@ -131,7 +131,7 @@ def test_letters_of_descriptors_and_errors(tmp_path, letters, temperature, wind,
 
 def test_true_airspeed_where_present_and_fill_values(tmp_path):
     ds = read_reports(
-        made(
+        write_madis(
             tmp_path / "a.nc",
             trueAirSpeed=np.array([120, 121, 99999, 123], "f4"),
             windSpeed=np.array([20, 99999, 20, 20], "f4"),

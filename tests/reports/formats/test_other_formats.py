@@ -74,8 +74,8 @@ def test_a_log_of_a_g5_has_a_true_track_and_a_magnetic_heading(tmp_path):
 
 
 def trace():
-    other = {"mag_heading": 0.0, "ias": 250.0, "tas": 400.0, "oat": -44.0, "flight": "KLM1 "}
-    points = [[10.0 * k, 52.0 + 0.02 * k, 4.0, 30000, 400.0, 0.9, 0, 0, other] for k in range(5)]
+    details = {"mag_heading": 0.0, "ias": 250.0, "tas": 400.0, "oat": -44.0, "flight": "KLM1 "}
+    points = [[10.0 * k, 52.0 + 0.02 * k, 4.0, 30000, 400.0, 0.9, 0, 0, details] for k in range(5)]
     points += [[60.0, 52.2, 4.0, "ground", 0.0, 0.0, 0, 0, None]]
     points += [[70.0, 52.2, 4.0, 30000, 400.0, 0.9, 1, 0, None], [80.0, 52.2]]
     return {"icao": "~4840d6", "timestamp": 1484136000.0, "trace": points}
@@ -228,9 +228,9 @@ def test_real_mode_s_winds_are_the_authors_with_declination_zero(tmp_path, real)
     ours, _ = read_file(write(tmp_path / "as_true.csv", table))
     seconds = ours["time"].to_numpy().astype("datetime64[ns]").astype(float) / 1e9
     frame = ours.assign(ts=seconds.round(1), icao=ours["tail"].astype(str))
-    both = theirs.assign(ts=theirs["ts"].round(1)).merge(frame, on=["ts", "icao"])
-    apart = np.hypot(both["eastward_wind"] - both["vwx"], both["northward_wind"] - both["vwy"])
-    apart = apart.dropna()
-    assert apart.size > 39_000
-    assert np.median(apart) < 0.015  # they round to 0.01 m/s
-    assert np.quantile(apart, 0.9) < 0.04
+    pair = theirs.assign(ts=theirs["ts"].round(1)).merge(frame, on=["ts", "icao"])
+    difference = np.hypot(pair["eastward_wind"] - pair["vwx"], pair["northward_wind"] - pair["vwy"])
+    difference = difference.dropna()
+    assert difference.size > 39_000
+    assert np.median(difference) < 0.015  # they round to 0.01 m/s
+    assert np.quantile(difference, 0.9) < 0.04

@@ -131,23 +131,23 @@ def test_forms_of_a_mapping(tmp_path):
     assert str(ds["time"].values[1])[:19] == "2009-07-01T12:03:00"
     only = read_reports(path, columns={**columns, "kind": {"only": ["A"]}})
     assert audit_of(only)["dropped"] == {"not_wanted": 1}
-    plain = write(tmp_path / "b.csv", [row(tail="N1"), row(tail="N2")])
-    only = read_reports(plain, columns={"tail": {"only": ["N1"]}})
+    canonical = write(tmp_path / "b.csv", [row(tail="N1"), row(tail="N2")])
+    only = read_reports(canonical, columns={"tail": {"only": ["N1"]}})
     assert only["aircraft"].values.tolist() == ["N1"]
     with pytest.raises(InputError, match="stream: the mapped column is not in the file"):
         read_reports(path, columns={**columns, "stream": {"only": "A"}})
 
 
 def test_times_in_another_notation(tmp_path):
-    whole = flight(time="01.03.2009 09:30").rename(columns={"time": "when"})
-    path = write(tmp_path / "a.csv", whole)
+    table = flight(time="01.03.2009 09:30").rename(columns={"time": "when"})
+    path = write(tmp_path / "a.csv", table)
     with pytest.raises(InputError, match=r"unparsable_time.*01\.03\.2009.*format: ") as error:
         read_reports(path, columns={"when": "time"})
     assert "no unit" not in str(error.value)
     mapped = {"when": {"name": "time", "format": "%d.%m.%Y %H:%M"}}
     expected = read_reports(path, columns=mapped)["time"].values
     assert str(expected[0])[:19] == "2009-03-01T09:30:00"
-    path = write(tmp_path / "b.csv", whole.assign(when="01.03.2009", clock="930"))
+    path = write(tmp_path / "b.csv", table.assign(when="01.03.2009", clock="930"))
     mapped = {"time": {"date": "when", "time": "clock", "format": "%d.%m.%Y %H%M"}}
     assert (read_reports(path, columns=mapped)["time"].values == expected).all()
 

@@ -118,7 +118,6 @@ class FileContents:
     grids: list[tuple[int, bytes]] = field(default_factory=list)  # edition, distinct section
     skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
     messages: int = 0
-    parts: int = 0  # fields of any kind
 
     def grid_number(self, edition: int, section: bytes) -> int:
         """Number of a grid section."""
@@ -182,7 +181,6 @@ def scan_file(path: str) -> FileContents:
         parts = _parts_of_1 if edition == 1 else _parts_of_2
         try:
             for kind, field_of in parts(window, start, length, contents):
-                contents.parts += 1
                 if kind == _SPEED:
                     contents.skipped["wind", "wind speed or direction, not u and v"] += 1
                 elif kind is not None:
@@ -580,12 +578,12 @@ def contents_of(
         entry, contents = cache / hashlib.blake2b(key, digest_size=16).hexdigest(), None
         if entry.name in cached:
             with contextlib.suppress(OSError, zlib.error, ValueError, TypeError):
-                fields, grids, skipped, *counts = json.loads(zlib.decompress(entry.read_bytes()))
+                fields, grids, skipped, messages = json.loads(zlib.decompress(entry.read_bytes()))
                 contents = FileContents(
                     [Field(*row) for row in fields],
                     [(edition, bytes.fromhex(section)) for edition, section in grids],
                     Counter({(kind, why): count for kind, why, count in skipped}),
-                    *counts,
+                    messages,
                 )
         if contents is None:
             try:
@@ -595,7 +593,7 @@ def contents_of(
                 continue
             grids = [(edition, section.hex()) for edition, section in contents.grids]
             skipped = [(*reason, count) for reason, count in contents.skipped.items()]
-            content = contents.fields, grids, skipped, contents.messages, contents.parts
+            content = contents.fields, grids, skipped, contents.messages
             if writable:
                 with contextlib.suppress(OSError):
                     entry.write_bytes(zlib.compress(json.dumps(content).encode(), 1))
