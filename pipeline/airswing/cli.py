@@ -79,7 +79,7 @@ def _common(
     """Swing the compass of an aircraft from its archive of wind reports and model winds."""
 
 
-def _alone(stage: Callable[[Job], T], config: Path, **options: Any) -> tuple[Job, T]:
+def _run_stage(stage: Callable[[Job], T], config: Path, **options: Any) -> tuple[Job, T]:
     """Run one stage of a configuration; options as of :meth:`Job.of`."""
     from airswing.products.whole_files import workspace
     from airswing.workflow import Job
@@ -120,7 +120,7 @@ def run(
     with job.running():
         summary = workflow.run_job(job).summary
     _print(summary, as_json=json, text=summary_text(summary, job.output))
-    workflow.events_said(job, summary.get("events", 0))
+    workflow.record_printed(job, summary.get("events", 0))
 
 
 @app.command()
@@ -174,7 +174,7 @@ def collocate(
         print(collocate_track(source, reference or (), output, columns=columns or (), say=say))
         return
 
-    job, headings = _alone(workflow.make_headings, source, output=output, quiet=quiet)
+    job, headings = _run_stage(workflow.make_headings, source, output=output, quiet=quiet)
     try:
         require_kept(headings)
     except InputError as nothing:
@@ -190,7 +190,7 @@ def fit(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> None
     """
     from airswing import workflow
 
-    job, _ = _alone(workflow.make_fits, config, output=output, quiet=quiet)
+    job, _ = _run_stage(workflow.make_fits, config, output=output, quiet=quiet)
     print(job.output / workflow.FITS)
 
 
@@ -202,7 +202,7 @@ def correct(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
     """
     from airswing import workflow
 
-    job, _ = _alone(workflow.make_corrected, config, output=output, quiet=quiet)
+    job, _ = _run_stage(workflow.make_corrected, config, output=output, quiet=quiet)
     print(job.output / workflow.CORRECTED)
 
 
@@ -236,7 +236,7 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
 def monitor(
     config: ConfigPath, output: Output = None, quiet: Quiet = False, json: Json = False
 ) -> None:
-    """List changes of the fleet that no earlier run reported: events.json.
+    """List changes that no earlier run reported: events.json.
 
     Needs the headings and fits.nc. Each event is printed once; `airswing run` does the same.
     """
@@ -244,9 +244,9 @@ def monitor(
 
     from airswing import workflow
 
-    job, monitoring = _alone(workflow.make_monitoring, config, output=output, quiet=quiet)
+    job, monitoring = _run_stage(workflow.make_monitoring, config, output=output, quiet=quiet)
     _print(asdict(monitoring), as_json=json, text=monitoring.text)
-    workflow.events_said(job, len(monitoring.events))
+    workflow.record_printed(job, len(monitoring.events))
 
 
 @app.command()
@@ -343,7 +343,7 @@ def simulate(
     from airswing.workflow.gap_stage import simulation
 
     stage = partial(simulation, effects=effects, output=output, seed=seed)
-    print(_alone(stage, config, quiet=quiet)[1])
+    print(_run_stage(stage, config, quiet=quiet)[1])
 
 
 @app.command()
@@ -378,7 +378,7 @@ def gap(
     from airswing.workflow.gap_stage import diagnosis
 
     stage = partial(diagnosis, without=without or (), known=known, simulated=simulated)
-    job, result = _alone(stage, config, output=output, quiet=quiet, scheduler=scheduler)
+    job, result = _run_stage(stage, config, output=output, quiet=quiet, scheduler=scheduler)
     text = f"{verdict(result)}\npage: {job.output / 'gap' / 'index.html'}"
     _print(result.content(), as_json=json, text=text)
 

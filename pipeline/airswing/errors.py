@@ -42,7 +42,7 @@ def shortened(value: object, most: int = _LONGEST_PART) -> str:
     if over > 0:
         text = f"{text[: 2 * most]} ... {text[-most:]}"
     text = "".join(c if c.isprintable() else " " for c in text)
-    text = " ".join(text.split(" ")) if len(text) <= most else " ".join(text.split())
+    text = text if len(text) <= most else " ".join(text.split())
     if len(text) <= most:
         return text
     ends = most // 4

@@ -50,7 +50,7 @@ def guarded(
         try:
             worker, used = _idle.pop(), True
         except IndexError:
-            worker, used = _started(), False
+            worker, used = _new_worker(), False
         assert worker.stdin is not None and worker.stdout is not None
         try:
             worker.stdin.write(call)
@@ -71,7 +71,7 @@ def guarded(
             return result
 
 
-def _started() -> subprocess.Popen[bytes]:
+def _new_worker() -> subprocess.Popen[bytes]:
     """A new worker, which finds modules where this process does."""
     return subprocess.Popen(
         [sys.executable, "-P", "-c", "from airswing.guarded import serve; serve()"],

@@ -80,7 +80,7 @@ MetresPerSecond = Annotated[float, BeforeValidator(lambda text: quantity(text, "
 
 
 # Digits of a time that is written without separators: to the day, hour, minute, second.
-_COMPACT = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
+COMPACT = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 
 
 def spelt_out(value: object) -> object:
@@ -90,7 +90,7 @@ def spelt_out(value: object) -> object:
     if not isinstance(value, int | float) and not _NUMBER.fullmatch(digits):
         return value
     try:
-        return datetime.strptime(digits, _COMPACT.get(len(digits), "no time has so many"))
+        return datetime.strptime(digits, COMPACT.get(len(digits), "no time has so many"))
     except ValueError:
         raise ValueError("is not a time; write 2009-10-20T06:00, or yyyymmddHHMM") from None
 

@@ -17,7 +17,7 @@ from airswing.evaluation.monitoring.changes import add_changes, watch_compasses
 from airswing.evaluation.monitoring.events import read_events, tables_differ, tables_of
 from airswing.products.netcdf import write_product
 from airswing.products.ragged import some_reports
-from airswing.workflow import events_said, make_monitoring, stages
+from airswing.workflow import make_monitoring, record_printed, stages
 from airswing.workflow.job import Job
 from airswing.workflow.progress import Progress
 from tests.compass.flown import Setting
@@ -149,5 +149,5 @@ def test_after_a_change_the_table_is_that_of_the_reports_since(tmp_path):
     assert monitoring.states[3].table_now == before["N003"]
     # stopped before the line was printed: it is reported again, until it was
     assert make_monitoring(job).new_events == [event]
-    events_said(job, len(monitoring.events))
+    record_printed(job, len(monitoring.events))
     assert make_monitoring(job).new_events == []

@@ -45,7 +45,7 @@ def test_a_report_without_tail_time_or_position_is_dropped_for_one_reason(values
     frame, audit = cleaned(**values)
     assert len(frame) == 0
     assert audit.dropped == {reason: 1}
-    assert (audit.read, audit.kept) == (1, 0)
+    assert (audit.read, audit.usable) == (1, 0)
 
 
 def test_longitudes_are_brought_to_one_range():
@@ -170,7 +170,7 @@ REPORT = st.fixed_dictionaries(
 def test_every_report_is_kept_or_dropped_once_and_what_stays_is_possible(reports):
     columns = pd.DataFrame(reports).to_dict("list")
     frame, audit = cleaned(len(reports), **columns)
-    assert (audit.read, audit.kept) == (len(reports), len(frame))
+    assert (audit.read, audit.usable) == (len(reports), len(frame))
     assert frame["latitude"].between(-90, 90).all()
     assert ((frame["longitude"] >= -180) & (frame["longitude"] < 180)).all()
     assert (frame["eastward_wind"].isna() == frame["northward_wind"].isna()).all()

@@ -24,7 +24,7 @@ def test_read_reports_is_each_file_read_and_assembled(tmp_path):
     days = [flight(start=f"2009-01-0{day}T12:00", tail=f"N{day % 2}") for day in range(5, 9)]
     paths = [write(tmp_path / f"{n}.csv", day) for n, day in enumerate(days)]
     tables, audits = zip(*(read_file(path) for path in paths), strict=True)
-    assert [len(table) for table in tables] == [counts.kept for counts in audits] == [10] * 4
+    assert [len(table) for table in tables] == [counts.usable for counts in audits] == [10] * 4
     expected = read_reports(paths)
     xr.testing.assert_identical(assemble(tables[::-1]).drop_attrs(), expected.drop_attrs())
     assert Audit.from_dict(audits[0].as_dict()) == audits[0]

@@ -36,7 +36,7 @@ _DIGITS = 32  # hexadecimal: 128 bits, so that no two fingerprints are equal by 
 def atomic(path: Path, kind: str = "product") -> Iterator[Path]:
     """Give a temporary name to write to, and rename it to ``path`` when the block ends well.
 
-    Its folder is created if absent; ``what`` names the file in the error if it cannot be written.
+    Its folder is created if absent; ``kind`` names the file in the error if it cannot be written.
     """
     path = Path(path)
     # In the same folder, because a rename is atomic within one file system only; hidden, so that

@@ -27,11 +27,9 @@ from airswing.errors import InputError
 from airswing.quantities import lead_condition
 from airswing.reference.files import (
     Skipped,
-    SkippedPart,
     SourceFile,
     find_files,
     identified,
-    is_lost_file,
     kind_of,
     skip,
 )
@@ -52,8 +50,6 @@ from airswing.reference.winds import (
     Table,
     on_one_grid,
 )
-
-__all__ = ["Catalogue", "SkippedPart", "build_catalogue", "catalogues_of", "is_lost_file"]
 
 _SAME = 0.1  # m/s or Pa: copies in another packing differ by less
 _COMPARED = 20  # equal fields of two files after which the others are taken as equal

@@ -36,8 +36,6 @@ NOISE = 4.0  # m/s, standard error of a report about the field, with gusts
 HUBER, ROUNDS = 1.5, 4
 # with fewer aircraft the compass of one determines much of the field it is compared with
 FEWEST_AIRCRAFT = 5
-
-
 _PLACE = ("latitude", "longitude", "log_pressure", "second")
 _WIND = ("eastward_wind", "northward_wind")
 

@@ -192,11 +192,8 @@ def winds_at(
 ) -> Winds:
     """Request the values that the winds at reports (degrees, Pa) need, and compute the winds.
 
-    Returns
-    -------
-    (2 or 9, n) float array
-        u and v in m/s, true east and north; with `derivatives` also those of both by ln p (m/s),
-        eastward and northward (1/s), and the grid's convergence (rad).
+    (2 or 9, n) float: u and v in m/s, true east and north; with `derivatives` also those of both by
+    ln p (m/s), eastward and northward (1/s), and the grid's convergence (rad).
     """
     table, grids = np.full((9 if derivatives else 2, latitude.size), np.nan), model.grids
     one_grid = all(grid.key == grids[0].key for grid in grids)

@@ -41,7 +41,7 @@ class Audit:
     remarks: list[str] = field(default_factory=list)  # sentences of the readers for the user
 
     @property
-    def kept(self) -> int:
+    def usable(self) -> int:
         """Number of reports read minus number dropped."""
         return self.read - sum(self.dropped.values())
 
@@ -75,18 +75,18 @@ class Audit:
 
     def notes(self) -> list[str]:
         """Sentences that a user should see beyond the counts of dropped reports."""
-        notes = list(self.remarks)
+        notes, total = list(self.remarks), self.usable
         absent = self.missing["eastward_wind"]
-        if absent >= self.kept > 0:
-            notes.append(f"none of the {self.kept:,} reports has a wind")
-        elif absent > _LARGE_SHARE * self.kept:
-            notes.append(f"only {self.kept - absent:,} of the {self.kept:,} reports have a wind")
+        if absent >= total > 0:
+            notes.append(f"none of the {total:,} reports has a wind")
+        elif absent > _LARGE_SHARE * total:
+            notes.append(f"only {total - absent:,} of the {total:,} reports have a wind")
         for reason, number in sorted(self.repaired.items()):
             name, out_of_range, _ = reason.partition("_out_of_range")
-            if out_of_range and number > _LARGE_SHARE * self.kept:
+            if out_of_range and number > _LARGE_SHARE * total:
                 cause = "a column it is derived from" if name == "derived_wind" else "its column"
                 notes.append(
-                    f"{number:,} of the {self.kept:,} values of {name} are impossible and are not "
+                    f"{number:,} of the {total:,} values of {name} are impossible and are not "
                     f"used: the unit of {cause} is likely another{self.likely(name)}"
                 )
         if flights := self.repaired["same_identifier_at_two_places"]:
@@ -101,7 +101,7 @@ class Audit:
         """Plain form of the counts."""
         return {
             "reports_read": self.read,
-            "reports_kept": self.kept,
+            "reports_kept": self.usable,
             **{name: dict(sorted(getattr(self, name).items())) for name in _COUNTERS},
             "flags": {name: dict(sorted(counts.items())) for name, counts in self.flags.items()},
             "files": sum(self.formats.values()),

@@ -51,7 +51,7 @@ FLAGS = {
 _MISTAKES = pd.read_csv(Path(__file__).with_name("mistakes.csv"))
 _WIND = ("wind_speed", "wind_direction", "eastward_wind", "northward_wind")
 _ANGLES = ("wind_direction", "reported_heading", "magnetic_heading", "track")
-_KEPT = ("air_temperature", "reported_airspeed", "reported_heading")
+_AIR_DATA = ("air_temperature", "reported_airspeed", "reported_heading")
 _FOR_DERIVED_WIND = ("magnetic_heading", "ground_speed", "track", "indicated_airspeed", "mach")
 # Names are padded with NULs (fixed-width fields) and no-break spaces (spreadsheets).
 _PADDING = string.whitespace + "\xa0\x00"
@@ -104,7 +104,7 @@ def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     pressure = np.where(np.isnan(pressure), pressure_from_altitude(altitude), pressure)
     altitude = np.where(np.isnan(altitude), altitude_from_pressure(pressure), altitude)
     measured = {"pressure": pressure, "pressure_altitude": altitude, **_wind(raw, audit)}
-    measured |= {name: _number(raw, name, audit) for name in _KEPT}
+    measured |= {name: _number(raw, name, audit) for name in _AIR_DATA}
     frame = frame.assign(**{name: values.astype(np.float32) for name, values in measured.items()})
     for name, missing in FLAGS.items():
         frame[name] = raw[name].to_numpy(dtype=np.int8) if name in raw else np.int8(missing)
@@ -185,7 +185,7 @@ def _speed_and_direction(eastward: Array, northward: Array) -> tuple[Array, Arra
 def _derive_wind(frame: pd.DataFrame, raw: pd.DataFrame, audit: Audit) -> None:
     """Fill in airspeed, true heading and, where none is reported, the wind."""
     values = {name: _number(raw, name, audit) for name in _FOR_DERIVED_WIND}
-    measured_names = (*_KEPT, "latitude", "longitude", "pressure", "pressure_altitude")
+    measured_names = (*_AIR_DATA, "latitude", "longitude", "pressure", "pressure_altitude")
     values |= {name: frame[name].to_numpy(dtype=np.float64) for name in measured_names}
     heading, magnetic = values["reported_heading"].copy(), values["magnetic_heading"]
     wanted = np.flatnonzero(np.isnan(heading) & np.isfinite(magnetic))

@@ -33,15 +33,10 @@ def read_file(
 ) -> tuple[pd.DataFrame, Audit]:
     """Read one report file to cleaned canonical columns; options as for :func:`read_reports`.
 
-    Returns
-    -------
-    reports : DataFrame
-        One row a report in the order of the file, in SI units (angles in degrees): ``tail`` and
-        ``flight`` (categories), ``time`` (datetime64[ns], UTC), ``latitude, longitude`` (float64),
-        ``pressure, pressure_altitude, wind_speed, wind_direction, eastward_wind, northward_wind,
-        air_temperature, reported_airspeed, reported_heading`` (float32) and the flags (int8).
-    audit : Audit
-        Reports read, dropped and repaired, by reason.
+    One row a report in the order of the file, in SI units (angles in degrees): ``tail`` and
+    ``flight`` (categories), ``time`` (datetime64[ns], UTC), ``latitude, longitude`` (float64),
+    ``pressure, pressure_altitude, wind_speed, wind_direction, eastward_wind, northward_wind,
+    air_temperature, reported_airspeed, reported_heading`` (float32) and the flags (int8).
     """
     _require_format(format)
     path, mapping, audit = Path(path), parse_mapping(columns), Audit()
@@ -149,7 +144,7 @@ def read_each(
     if len(errors) == len(paths):
         problem = f"none of the {len(errors)} report files can be read; the first: {errors[0]}"
         raise InputError(problem, field="reports.files")
-    if audit.kept:
+    if audit.usable:
         return results, audit
     reasons = ", ".join(
         f"{reason} {n}{audit.likely(reason.removesuffix('_out_of_range'))}"
@@ -175,19 +170,12 @@ def read_each(
 
 
 def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -> dict[str, object]:
-    """Summarise what report files hold, in types that JSON has; duplicates count as reports.
+    """Summarise the content of report files in JSON types; duplicates count as reports.
 
-    Returns
-    -------
-    dict
-        ``file, format, reports, aircraft, first, last`` (ISO 8601 UTC), ``bounding_box``
-        (``{"south", "north", "west", "east"}`` in degrees), ``columns`` (reports that have a
-        value, per quantity), ``flags`` (reports per code, per field) and ``audit`` (the rest).
-
-    Raises
-    ------
-    InputError
-        The file cannot be read or holds no usable report.
+    ``file, format, reports, aircraft, first, last`` (ISO 8601 UTC), ``bounding_box``
+    (``{"south", "north", "west", "east"}`` in degrees), ``columns`` (reports that have a value, per
+    quantity), ``flags`` (reports per code, per field) and ``audit`` (the other counts). InputError
+    if the file cannot be read or holds no usable report.
     """
     parts, audit = read_each(path, "auto", columns, "fail")
     frame = pd.concat(parts, ignore_index=True)
@@ -195,14 +183,14 @@ def reports_summary(path: str | Path, *, columns: ColumnMapping | None = None) -
     there = frame[[*measured, "reported_heading"]].notna()
     there = there.assign(**{name: frame[name] != missing for name, missing in FLAGS.items()})
     present = there.assign(flight=frame["flight"].astype(str) != "").sum()
-    audit.missing["eastward_wind"] = audit.kept - int(present["eastward_wind"])
+    audit.missing["eastward_wind"] = audit.usable - int(present["eastward_wind"])
     content = audit.as_dict()
     first, last = (f"{time.isoformat()}Z" for time in frame["time"].agg(["min", "max"]))
     limits = frame[["latitude", "longitude"]].agg(["min", "max"]).to_numpy(float).T.ravel()
     return {
         "file": str(path),
         "format": next(iter(content["formats"]), None),
-        "reports": audit.kept,
+        "reports": audit.usable,
         "aircraft": int(frame["tail"].nunique()),
         "first": first,
         "last": last,

@@ -11,9 +11,9 @@ from airswing.workflow.job import PROFILES as PROFILES
 from airswing.workflow.job import Job as Job
 from airswing.workflow.main import run_job as run_job
 from airswing.workflow.months import make_headings as make_headings
-from airswing.workflow.stages import events_said as events_said
 from airswing.workflow.stages import make_corrected as make_corrected
 from airswing.workflow.stages import make_field_test as make_field_test
 from airswing.workflow.stages import make_fits as make_fits
 from airswing.workflow.stages import make_monitoring as make_monitoring
 from airswing.workflow.stages import make_sensitivity as make_sensitivity
+from airswing.workflow.stages import record_printed as record_printed

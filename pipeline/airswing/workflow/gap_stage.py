@@ -77,16 +77,10 @@ def diagnosis(
 ) -> GapReport:
     """Diagnose the gap: ``gap.json``, ``gap.nc``, ``effects.yaml`` and ``gap/index.html``.
 
-    Parameters
-    ----------
-    without : sequence of str, optional
-        Effects to withhold from the catalogue.
-    known : Path, optional
-        ``effects.yaml`` or ``fits.nc``: effects that the simulation already contains. The diagnosis
-        concerns the remaining gap, and ``effects.yaml`` then holds both.
-    simulated : str, optional
-        Reports of another simulation, in place of those of a perfect instrument: a file, a glob,
-        or the configuration of a separate archive.
+    Effects `without` are withheld from the catalogue. ``effects.yaml`` or ``fits.nc`` of `known`
+    names effects that the simulation already contains: the diagnosis concerns the remaining gap,
+    and ``effects.yaml`` then holds all effects. Reports `simulated` (a file, a glob, or the
+    configuration of a separate archive) replace those of a perfect instrument.
     """
     # checked before anything is read, because headings may take an hour
     for name in without:
@@ -214,15 +208,13 @@ def starting_point(
         if simulated is not None and reports is not None:
             start = _from_simulation(job, frame, simulated, *reports)
         if known is not None and effects is not None:
-            start = _without_effects(start, effects, str(known), strict=known.suffix != ".nc")
+            start = _remove(start, effects, str(known), strict=known.suffix != ".nc")
         return start
 
     return begin
 
 
-def _without_effects(
-    start: Start, effects: Sequence[ActiveEffect], source: str, *, strict: bool
-) -> Start:
+def _remove(start: Start, effects: Sequence[ActiveEffect], source: str, *, strict: bool) -> Start:
     """Remove effects; those of aircraft that are not in the archive are refused or omitted."""
     removed = list(effects)
     if not strict:
@@ -233,13 +225,11 @@ def _without_effects(
             if there is None or (there and (effect.name != "tail_swap" or len(there) == 2)):
                 removed.append(replace(effect, tails=there))
     try:
-        remaining = remove_effects(start.frame, removed)
+        frame = remove_effects(start.frame, removed)
     except InputError as err:
         raise err.located(file=source) from err
     # mean vector disagreement of reports and simulation
-    before, after = (
-        float(np.hypot(*frame.residual.T).mean() / KNOT) for frame in (start.frame, remaining)
-    )
+    before, after = (float(np.hypot(*f.residual.T).mean() / KNOT) for f in (start.frame, frame))
     entry = KnownEntry(
         source=source,
         effects=plain_effects(removed),
@@ -247,10 +237,8 @@ def _without_effects(
         disagreement_without_kt=before,
         disagreement_with_kt=after,
     )
-    entries = [*start.known_entries, entry]
-    return replace(
-        start, frame=remaining, removed=[*start.removed, *removed], known_entries=entries
-    )
+    removed, entries = [*start.removed, *removed], [*start.known_entries, entry]
+    return replace(start, frame=frame, removed=removed, known_entries=entries)
 
 
 def _from_simulation(
@@ -276,7 +264,7 @@ def _from_simulation(
     shutil.rmtree(output, ignore_errors=True)
     shared = set(frame.tails) & {str(name) for name in reports["aircraft"].values}
     entry = replace(entry, matched_by="distribution", aircraft_in_both=sorted(shared))
-    return _without_effects(Start(frame, simulation=entry), effects, simulated, strict=False)
+    return _remove(Start(frame, simulation=entry), effects, simulated, strict=False)
 
 
 def effects_of_archive(job: Job) -> list[ActiveEffect]:

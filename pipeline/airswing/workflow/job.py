@@ -98,7 +98,7 @@ class Job:
         return self.config.main_reference()
 
     @property
-    def against(self) -> dict[str, Any]:
+    def pooling(self) -> dict[str, Any]:
         """Options ``pools`` and ``reference`` of the evaluations."""
         return {"pools": self.pools, "reference": self.reference}
 
@@ -116,8 +116,8 @@ class Job:
             source_uuids=[source.attrs["uuid"] for source in sources],
         )
 
-    def ready(self, product: xr.Dataset | None, name: str) -> xr.Dataset:
-        """Take a product as given, or open that of the output folder."""
+    def opened(self, product: xr.Dataset | None, name: str) -> xr.Dataset:
+        """Return the product if it is passed, else open that of the output folder."""
         if product is not None:
             return product
         return open_product(product_path(self.output, name.removesuffix(".nc")))

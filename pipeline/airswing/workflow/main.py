@@ -64,8 +64,7 @@ class Results:
     @property
     def months(self) -> dict[str, list[str]]:
         """Months made and kept."""
-        months: dict[str, list[str]] = self.summary["months"]
-        return months
+        return dict(self.summary["months"])
 
     @property
     def page(self) -> Path:

@@ -31,8 +31,9 @@ from airswing.evaluation.field_test import require_aircraft
 from airswing.products.netcdf import as_stored, open_product, read_product
 from airswing.products.ragged import BLOCK_REPORTS, FLIGHTS
 from airswing.products.whole_files import code_digest, fingerprint, read_note, write_json
-from airswing.reference.catalogue import Catalogue, build_catalogue, is_lost_file
+from airswing.reference.catalogue import Catalogue, build_catalogue
 from airswing.reference.collocate import ACCOUNT, PROBLEMS, collocate, overlap, require_overlap
+from airswing.reference.files import is_lost_file
 from airswing.reference.fleet_wind import fleet_wind
 from airswing.report.run.reading_warnings import model_warnings, reading_warnings, tally, unread
 from airswing.reports import Audit, assemble, read_file
@@ -167,8 +168,7 @@ class ReportArchive:
     def mark(self, month: str) -> list[list[int]]:
         """Day, reports and hash of their rows for the days around a month."""
         by_day = self._near(month).groupby("day")[["count", "mark"]].sum()
-        rows: list[list[int]] = by_day.reset_index().to_numpy().tolist()
-        return rows
+        return list(by_day.reset_index().to_numpy().tolist())
 
     def around(self, month: str) -> list[pd.DataFrame]:
         """Cleaned reports of the days around a month, one table a file."""
@@ -208,10 +208,8 @@ def _days_of(frame: pd.DataFrame) -> list[list[int]]:
     """Day, number of reports and hash of their rows, for each day of a table."""
     day = frame["time"].to_numpy().astype("M8[D]").astype(np.int64)
     marks = pd.util.hash_pandas_object(frame, index=False).astype(np.int64)
-    rows: list[list[int]] = (
-        marks.groupby(day).agg(["size", "sum"]).reset_index().to_numpy().tolist()
-    )
-    return rows
+    by_day = marks.groupby(day).agg(["size", "sum"]).reset_index()
+    return list(by_day.to_numpy().tolist())
 
 
 def _month_bounds(month: str) -> tuple[np.datetime64, np.datetime64]:

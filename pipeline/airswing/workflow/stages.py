@@ -78,7 +78,7 @@ def make_fits(job: Job, headings: xr.Dataset | None = None) -> xr.Dataset:
     """Deviation fits and 8-point tables: ``fits.nc``, ``tables.csv`` and the swing cards."""
     from airswing.report.run.heading_error import write_swing_cards
 
-    screened, members = job.ready(headings, HEADINGS), job.pools[job.reference]
+    screened, members = job.opened(headings, HEADINGS), job.pools[job.reference]
     require_kept(screened)
     with job.progress.stage("fit") as stage:
         fits = _fitted(job, screened, sign=job.config.table.sign)
@@ -111,10 +111,10 @@ def make_corrected(
     job: Job, headings: xr.Dataset | None = None, fits: xr.Dataset | None = None
 ) -> xr.Dataset:
     """The archive with corrected winds, month by month: ``corrected/2008-07.nc``; lazy."""
-    fitted, method = job.ready(fits, FITS), job.config.correction.method
+    fitted, method = job.opened(fits, FITS), job.config.correction.method
     months = sorted((job.output / HEADINGS).glob("*.nc"))
     if not months:
-        job.ready(None, HEADINGS)  # raises
+        job.opened(None, HEADINGS)  # raises
     title = "Aircraft reports with winds corrected for compass deviation"
     with job.progress.stage("correct"):
         for path in months:
@@ -170,7 +170,7 @@ def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Datase
     """Errors of the reports alone by phase of flight and layer: ``observation_errors.nc``."""
     covariance = job.config.observation_errors.reference_covariance
     with job.progress.stage("observation errors") as stage:
-        errors = observation_errors(headings, corrected, covariance=covariance, **job.against)
+        errors = observation_errors(headings, corrected, covariance=covariance, **job.pooling)
         title = "Standard error of a wind component of the reports alone"
         job.write(errors, "observation_errors.nc", title=title, sources=(headings, corrected))
         stage.note = errors.attrs["method"] or errors.attrs["method_reason"]
@@ -201,7 +201,7 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
             headings,
             window=window,
             since=begin.astype("datetime64[D]") if earlier else None,
-            **job.against,
+            **job.pooling,
             **job.config.fit.model_dump(),
         )
         # aircraft that had no report in the earlier windows
@@ -236,7 +236,7 @@ def _months_note(job: Job, headings: xr.Dataset) -> tuple[Content, list[str]]:
 def make_ranking(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> list[Content]:
     """Aircraft in the order of the gain expected of a correction: ``ranking.csv``."""
     with job.progress.stage("ranking") as stage:
-        ranking = rank_aircraft(headings, fits, **job.against)
+        ranking = rank_aircraft(headings, fits, **job.pooling)
         rows = []
         for entry in ranking:
             ends = (entry.get(key) or (None, None) for key in ("expected_gain_ci_kt", "rank_ci"))
@@ -301,10 +301,10 @@ def make_virtual(
             learned_until=until,
             corrected=uncorrected,
             resolution=math.degrees(config.table.resolution),
-            **job.against,
+            **job.pooling,
             **config.fit.model_dump(),
         )
-        held_out = partial(cross_validate, headings, fits, ranking=ranking, **job.against)
+        held_out = partial(cross_validate, headings, fits, ranking=ranking, **job.pooling)
         result: Content = {}
         gains = []
         for name, test_of in (("later", later), ("held_out", held_out)):
@@ -336,9 +336,9 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
             remedy="Add field_test with start, before_start, corrected and controls",
         )
     with job.progress.stage("field test") as stage:
-        screened = job.ready(headings, HEADINGS)
-        observed = field_test(screened, **job.against, **test.model_dump())
-        options = {**job.against, **config.fit.model_dump(), "corrected": test.corrected}
+        screened = job.opened(headings, HEADINGS)
+        observed = field_test(screened, **job.pooling, **test.model_dump())
+        options = {**job.pooling, **config.fit.model_dump(), "corrected": test.corrected}
         expected = predicted_reduction(screened, start=test.start, **options)
         result = Findings(observed | expected)
         write_json(job.output / "field_test.json", result)
@@ -352,7 +352,7 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
 def make_sensitivity(job: Job, headings: xr.Dataset | None = None) -> Content:
     """Every reference and pool fitted on the same reports: ``sensitivity.json``."""
     config = job.config
-    screened = job.ready(headings, HEADINGS)
+    screened = job.opened(headings, HEADINGS)
     with job.progress.stage("compare") as stage:
         options: dict[str, Any] = {"pools": job.pools, "never_pool": config.never_pool}
         result = compare(screened, **options, **config.fit.model_dump())
@@ -385,9 +385,9 @@ def make_monitoring(
     path, in_use = job.output / "events.json", job.config.monitoring.tables_in_use
     tables = None if in_use is None else read_tables(in_use, reference=job.reference)
     with job.progress.stage("monitoring") as stage:
-        screened, fitted = job.ready(headings, HEADINGS), job.ready(fits, FITS)
+        screened, fitted = job.opened(headings, HEADINGS), job.opened(fits, FITS)
         if corrected is None and product_path(job.output, CORRECTED).exists():
-            corrected = job.ready(None, CORRECTED)
+            corrected = job.opened(None, CORRECTED)
         monitoring = find_events(
             screened,
             fitted,
@@ -410,7 +410,7 @@ def make_monitoring(
     return monitoring
 
 
-def events_said(job: Job, number: int) -> None:
+def record_printed(job: Job, number: int) -> None:
     """Record that all `number` events have been printed; a later run may have found more."""
     path = job.output / "events.json"
     monitoring = read_events(path)

@@ -44,7 +44,7 @@ def test_a_file_of_each_format(tmp_path, name):
     WRITERS[name](path)
     frame, audit = read_file(path)
     assert dict(audit.formats) == {name: 1}
-    assert len(frame) == audit.kept == audit.read - sum(audit.dropped.values()) > 0
+    assert len(frame) == audit.usable == audit.read - sum(audit.dropped.values()) > 0
     assert frame.columns.tolist() == ["tail", "flight", "time", *NUMBERS, *FLAGS]
     assert frame["time"].dtype == "datetime64[ns]" and frame["time"].notna().all()
     assert {str(frame[flag].dtype) for flag in FLAGS} == {"int8"}

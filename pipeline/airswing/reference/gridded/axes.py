@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from airswing.config import Naming
 from airswing.errors import InputError
+from airswing.quantities import COMPACT
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.gridded.datasets import GRID, quiet
 from airswing.reference.gridded.naming import factor_of, required_factor
@@ -52,7 +53,6 @@ _TIME = re.compile(r"(valid_?|forecast_?|x)?(times?|dates?)$|jd$|julian\w*$", re
 _STANDARD = ("forecast_reference_time", "forecast_period", "time")
 _JULIAN = 2_415_020.0, 2_488_070.0  # Julian dates of the years 1900 and 2100
 _JULIAN_1970 = 2_440_587.5  # of 1970-01-01T00:00
-_DIGITS = {8: "%Y%m%d", 10: "%Y%m%d%H", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 MISSING = int(np.iinfo(np.int64).min)  # value of a time that is not known, as numpy's NaT
 _MEMBER = re.compile(r"(number|members?|realization|ens\d*|ensemble\w*|perturbation\w*)$", re.I)
 _EITHER = "expver"  # ECMWF's dimension of final and preliminary data: each time is in one of them
@@ -371,7 +371,7 @@ def _written(coord: xr.DataArray, values: NDArray[np.generic]) -> Ints | None:
     texts = [v.decode() if isinstance(v, bytes) else str(v) for v in values.ravel().tolist()]
     texts = [text.strip().removesuffix("Z").removesuffix(".0") for text in texts]
     digits = all(text.isdigit() for text in texts)
-    written = _DIGITS.get(len(texts[0])) if digits else "ISO8601"
+    written = COMPACT.get(len(texts[0])) if digits else "ISO8601"
     if written is None or (values.dtype.kind in "iuf" and not digits):
         return None
     texts = [text.replace("_", "T").replace(" ", "T") for text in texts]

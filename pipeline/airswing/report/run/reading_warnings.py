@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 if TYPE_CHECKING:
-    from airswing.reference.catalogue import SkippedPart
+    from airswing.reference.files import SkippedPart
     from airswing.reports.audit import AuditContent
 
 _GROUPS_SHOWN = 5

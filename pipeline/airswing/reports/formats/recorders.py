@@ -41,7 +41,7 @@ from airswing.reports.columns import (
     sources,
 )
 from airswing.reports.formats import ReportFormat, constant_tail, content_of, is_text, opened
-from airswing.reports.formats.tabular import merged, to_raw
+from airswing.reports.formats.tabular import merge_messages, to_raw
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 _INCH_OF_MERCURY = 3386.389  # Pa at 0 degC (NIST SP 811)
@@ -245,7 +245,7 @@ def _read_messages(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
         )
     names = [str(name) for name in table.columns]
     matched = sources(names, mapping)
-    yield merged(to_raw(table, matched, audit), audit)
+    yield merge_messages(to_raw(table, matched, audit), audit)
 
 
 def _parsed(text: str) -> object:

@@ -128,7 +128,7 @@ def _in_si(
                 "column's name or of its mapping",
             )
     if pieces:
-        yield merged(pd.concat(pieces, ignore_index=True), audit)
+        yield merge_messages(pd.concat(pieces, ignore_index=True), audit)
 
 
 def _pieces(path: Path, header: Header, audit: Audit, **options: Any) -> Iterator[pd.DataFrame]:
@@ -268,7 +268,7 @@ def column_of(table: pd.DataFrame, source: Source) -> Column:
     return column
 
 
-def merged(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
+def merge_messages(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
     """Make reports, a row each, of single Mode-S messages in SI, a row each in any order.
 
     A transponder sends position, ground vector, and heading and airspeed in separate messages. A
