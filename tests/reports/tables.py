@@ -57,5 +57,4 @@ def write(path, rows):
 
 def audit_of(reports):
     """Counts of the reading of a Dataset."""
-    audit = json.loads(reports.attrs["reading_audit"])
-    return audit
+    return json.loads(reports.attrs["reading_audit"])

@@ -39,7 +39,7 @@ def require_sound(path: Path) -> None:
             file.seek(0)
             try:
                 needed, records = _extent(file)
-            except ValueError as error:
+            except (LookupError, ValueError) as error:
                 raise InputError(
                     "cannot be opened: damaged, its NetCDF header is inconsistent",
                     file=path,
@@ -95,7 +95,7 @@ def _fault(path: str) -> str:
 def _extent(file: BinaryIO) -> tuple[int, int]:
     """End of the variables of a classic file in bytes, and the number of records.
 
-    A ValueError is raised where the header is inconsistent or ends early.
+    A ValueError or LookupError is raised where the header is inconsistent or ends early.
     """
 
     def number(length: int = 4) -> int:
@@ -120,16 +120,10 @@ def _extent(file: BinaryIO) -> tuple[int, int]:
             raise ValueError("a list of an unexpected kind")
         return range(size)
 
-    def value_size() -> int:
-        kind = number()
-        if kind not in _SIZES:
-            raise ValueError(f"values of type {kind}")
-        return _SIZES[kind]
-
     def attributes() -> None:
         for _ in entries(_ATTRIBUTE):
             skip()
-            skip(value_size())
+            skip(_SIZES[number()])
 
     version = number() & 0xFF
     if version not in (1, 2, 5):  # classic, 64-bit offset, CDF-5
@@ -145,9 +139,7 @@ def _extent(file: BinaryIO) -> tuple[int, int]:
         skip()
         dims = [number(wide) for _ in range(length())]
         attributes()
-        value_bytes, _, begin = value_size(), number(wide), number(4 if version == 1 else 8)
-        if any(dim >= len(sizes) for dim in dims):
-            raise ValueError("a variable of an unknown dimension")
+        value_bytes, _, begin = _SIZES[number()], number(wide), number(4 if version == 1 else 8)
         shape = [sizes[dim] for dim in dims]
         if shape and shape[0] == 0:  # the record dimension
             rows.append((begin, value_bytes * math.prod(shape[1:])))
