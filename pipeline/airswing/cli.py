@@ -307,12 +307,8 @@ def export(
     from airswing.products.netcdf import product_path
 
     job = workflow.Job.of(config, quiet=quiet)
-    options: dict[str, object] = {
-        "domain": domain,
-        "platform": platform,
-        "identifiers": identifiers,
-    }
-    options |= {"base": base, "start": start, "end": end}
+    flags: dict[str, object] = {"domain": domain, "platform": platform, "identifiers": identifiers}
+    flags |= {"base": base, "start": start, "end": end}
     with job.progress.stage("export") as stage:
         result = write_export(
             product_path(job.output, workflow.CORRECTED),
@@ -322,7 +318,7 @@ def export(
             window=window,
             soundings=soundings,
             overwrite=overwrite,
-            settings=with_handover(job.config, options),
+            settings=with_handover(job.config, flags),
         )
         number = len(result["files"])
         stage.note = f"{number:,} file{'s' * (number != 1)}"

@@ -96,10 +96,8 @@ def write_product(
     ds.attrs = {
         **{
             # NetCDF attributes hold no mappings
-            key: json.dumps(json_types(value))
-            if isinstance(value, (Mapping, list, bool))
-            else value
-            for key, value in ds.attrs.items()
+            key: json.dumps(json_types(v)) if isinstance(v, (Mapping, list, bool)) else v
+            for key, v in ds.attrs.items()
         },
         "Conventions": "CF-1.11, ACDD-1.3",
         "title": title,

@@ -160,9 +160,7 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
     for name, variable in first.data_vars.items():
         if "report" in variable.dims:
             variables = [month.variables[name] for month in months]
-            earlier = (
-                np.cumsum([0, *flights[:-1]]) if name == "flight" else np.zeros(len(variables))
-            )
+            earlier = np.cumsum([0, *flights[:-1]]) if name == "flight" else np.zeros(len(months))
             token = f"months-{attributes['uuid']}-{name}"
             lazy = _reports_by_aircraft(variables, counts, earlier.astype(np.int64), token)
             archive[name] = variable.dims, lazy, variable.attrs
@@ -170,10 +168,7 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
 
 
 def _reports_by_aircraft(
-    variables: Sequence[xr.Variable],
-    counts: NDArray[np.int64],
-    added: NDArray[np.int64],
-    token: str,
+    columns: Sequence[xr.Variable], counts: NDArray[np.int64], added: NDArray[np.int64], token: str
 ) -> da.Array:
     """One variable of all months, (..., report), in lazy chunks of whole aircraft.
 
@@ -181,13 +176,13 @@ def _reports_by_aircraft(
     """
     stop = np.cumsum(counts, axis=1)
     groups = aircraft_groups(counts.sum(axis=0))
-    dtype = np.result_type(*(variable.dtype for variable in variables))
+    dtype = np.result_type(*(variable.dtype for variable in columns))
 
     def chunk(block_id: tuple[int, ...]) -> NDArray[np.generic]:
         group = groups[block_id[-1]]
         values, owner = [], []
         for variable, number, end, more in zip(
-            variables, counts[:, group], stop[:, group], added, strict=True
+            columns, counts[:, group], stop[:, group], added, strict=True
         ):
             block = variable[..., end[0] - number[0] : end[-1]].to_numpy()
             values.append(block + more if more else block)
@@ -198,9 +193,9 @@ def _reports_by_aircraft(
     sizes = tuple(int(counts[:, group].sum()) for group in groups)
     lazy: da.Array = da.map_blocks(
         chunk,
-        chunks=(*((size,) for size in variables[0].shape[:-1]), sizes),
+        chunks=(*((size,) for size in columns[0].shape[:-1]), sizes),
         dtype=dtype,
-        meta=np.empty((0,) * variables[0].ndim, dtype),
+        meta=np.empty((0,) * columns[0].ndim, dtype),
         name=token,
     )
     return lazy

@@ -369,8 +369,7 @@ class _Work:
             self.skipped += [skip(path, *key, n) for key, n in contents.skipped.items()]
             table = contents.table()
             table["file"] = index
-            sections = contents.grids
-            order = [numbers.setdefault(read_grid(*s), len(numbers)) for s in sections]
+            order = [numbers.setdefault(read_grid(*s), len(numbers)) for s in contents.grids]
             if order:
                 table["grid"] = np.asarray(order, dtype="i4")[table["grid"]]
             tables.append(table)

@@ -60,9 +60,8 @@ class StoredField(NamedTuple):
 
     def places(self, index: NDArray[np.integer]) -> dict[str, NDArray[np.int64]]:
         """Indices along the outer dimensions of rows' `index`."""
-        dims, sizes = zip(*self.outer, strict=True) if self.outer else ((), ())
-        places = np.unravel_index(index, sizes) if sizes else ()
-        return dict(zip(dims, map(np.asarray, places), strict=True))
+        places = np.unravel_index(index, [n for _, n in self.outer]) if self.outer else ()
+        return {d: np.asarray(place) for (d, _), place in zip(self.outer, places, strict=True)}
 
     def chunk_numbers(self, index: NDArray[np.integer]) -> Ints:
         """Numbers of the chunks that hold rows' `index`; rows and columns count as one chunk."""

@@ -168,12 +168,8 @@ def parse_mapping(columns: ColumnMapping | None) -> dict[str, Source]:
     for key, target in (columns or {}).items():
         name, variable, source = _mapped(str(key), target)
         if variable in mapping:
-            raise InputError(
-                f"two columns are mapped to {name}",
-                field="reports.columns",
-                found=f"{mapping[variable].column}, {key}",
-                remedy="Keep one of them",
-            )
+            text, pair = f"two columns are mapped to {name}", f"{mapping[variable].column}, {key}"
+            raise InputError(text, field="reports.columns", found=pair, remedy="Keep one of them")
         mapping[variable] = source
     return mapping
 

@@ -158,9 +158,7 @@ def run_job(job: Job) -> Results:
     return Results(job.output, headings, fits, corrected, evaluation, summary)
 
 
-def summarise(
-    job: Job, headings: xr.Dataset, fits: xr.Dataset, differences: BeforeAfter
-) -> Summary:
+def summarise(job: Job, headings: xr.Dataset, fits: xr.Dataset, wind: BeforeAfter) -> Summary:
     """Collect the main results of a run.
 
     ``reference``, ``reports``, ``aircraft``, ``months``, counts by ``status``, ``disagreement_kt``
@@ -176,7 +174,7 @@ def summarise(
     table = selected[["status", *names, "report_count"]].to_dataframe().reset_index()
     table = table[["aircraft", "status", *names, "report_count"]]
     table = table.rename(columns={"report_count": "reports"}).assign(
-        status=table["status"].map(status), before_kt=differences.before, after_kt=differences.after
+        status=table["status"].map(status), before_kt=wind.before, after_kt=wind.after
     )
     reading = tally(headings, "reading_audit")
     return {
@@ -189,7 +187,7 @@ def summarise(
         "aircraft": headings.sizes["aircraft"],
         "months": json.loads(headings.attrs.get("months", "{}")),
         "status": status_counts(fits, job.reference),
-        "disagreement_kt": {"before": differences.total.before, "after": differences.total.after},
+        "disagreement_kt": {"before": wind.total.before, "after": wind.total.after},
         "warnings": [
             *plausibility_warnings(fits),
             *screening_warnings(headings),

@@ -398,9 +398,8 @@ def make_monitoring(
             tables_in_use=tables,
             compass=job.shared.get("compass_watch"),
         )
-        monitoring = with_tables(
-            monitoring, _tables_since(job, screened, changed_since(monitoring))
-        )
+        tables_now = _tables_since(job, screened, changed_since(monitoring))
+        monitoring = with_tables(monitoring, tables_now)
         number = len(monitoring.new_events)
         monitoring = replace(monitoring, unsaid=number)
         write_events(monitoring, path)

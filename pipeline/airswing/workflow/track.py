@@ -76,10 +76,8 @@ def append_winds(
     """
     places = _places(table, columns or {})
     models = {
-        name: files
-        if isinstance(files, Catalogue)
-        else build_catalogue(files, name=name, lead=lead)
-        for name, files in references.items()
+        name: ref if isinstance(ref, Catalogue) else build_catalogue(ref, name=name, lead=lead)
+        for name, ref in references.items()
     }
     winds = collocate(places, models, max_time_gap=max_time_gap).compute()
     extended = table.copy()
@@ -131,13 +129,8 @@ def collocate_track(
             else pd.read_parquet(track)
         )
     except (OSError, ValueError) as error:
-        reason, remedy = (
-            getattr(error, "strerror", None) or error,
-            "Save it as CSV or Parquet again",
-        )
-        raise InputError(
-            "cannot read the table", file=track, found=reason, remedy=remedy
-        ) from error
+        cause, remedy = getattr(error, "strerror", None) or error, "Save it as CSV or Parquet again"
+        raise InputError("cannot read the table", file=track, found=cause, remedy=remedy) from error
     models = {}
     for name, pattern in files.items():
         try:

@@ -301,10 +301,8 @@ def _rapid_refresh(section: bytes) -> AxesGrid:
     signs = (-1.0 if scanning & 0x80 else 1.0), (1.0 if scanning & 0x40 else -1.0)
     stated = [step for step in (signed(63), signed(67)) if step > 0.0]
     agree = all(
-        any(
-            abs(abs(step) - size * unit) <= _STEP_TOLERANCE * abs(step) for unit in (1e-3, 1.0, 1e3)
-        )
-        for step, size in zip(steps, stated, strict=False)
+        any(abs(abs(s) - size * unit) <= _STEP_TOLERANCE * abs(s) for unit in (1e-3, 1.0, 1e3))
+        for s, size in zip(steps, stated, strict=False)
     )
     if not agree and len(section) >= 80:
         last = frame.xy(np.array([signed(72)]), np.array([signed(76)]))

@@ -170,8 +170,7 @@ class Gathering:
             if grid.north_up or number not in used:
                 continue
             evidence = self._along.get(number, {})
-            stated = (why for along, why in evidence.items() if along is not None)
-            why = ", ".join(dict.fromkeys(stated))
+            why = ", ".join(dict.fromkeys(w for along, w in evidence.items() if along is not None))
             way = "along the grid" if self._is_along(number) else "to true east and north"
             note = (
                 "direction of the winds not given: taken as along the grid, as models write "

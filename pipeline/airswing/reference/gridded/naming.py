@@ -70,9 +70,8 @@ def _tier(name: str, variable: xr.DataArray, number: int) -> int | None:
         return 1
     if standard and standard != "unknown":
         return None
-    if {variable.attrs.get(f"GRIB_{key}") for key in ("paramId", "shortName")} & _PARAMETERS[
-        number
-    ]:
+    grib = {variable.attrs.get(f"GRIB_{key}") for key in ("paramId", "shortName")}
+    if grib & _PARAMETERS[number]:
         return 2
     described = _LONG[number].search(str(variable.attrs.get("long_name", "")))
     if not (_NAMES[number].match(name) or described) or variable.ndim < 2:

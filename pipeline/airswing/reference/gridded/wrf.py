@@ -128,15 +128,13 @@ def grids_of_wrf(ds: xr.Dataset, count: int) -> list[Grid]:
     places = ds[[latitude, longitude, *angles]]
     if places[latitude].ndim == 2:
         return [_grid(places, places[latitude], places[longitude])] * count
-    by_corner: dict[tuple[float, float], Grid] = {}  # by the first point
+    seen: dict[tuple[float, float], Grid] = {}  # by the first point
     grids: list[Grid] = []
     for number in range(count):
-        at_time = places.isel({places[latitude].dims[0]: number})
-        lat, lon = at_time[latitude], at_time[longitude]
+        place = places.isel({places[latitude].dims[0]: number})
+        lat, lon = place[latitude], place[longitude]
         corner = float(lat[0, 0]), float(lon[0, 0])
-        if corner not in by_corner:
-            by_corner[corner] = _grid(at_time, lat, lon)
-        grids.append(by_corner[corner])
+        grids.append(seen.get(corner) or seen.setdefault(corner, _grid(place, lat, lon)))
     return grids
 
 

@@ -202,12 +202,7 @@ def _raw(table: pd.DataFrame, audit: Audit) -> pd.DataFrame:
         counts = column[name].value_counts(dropna=False)
         audit.codes(name, {"missing" if c != c else f"{c:g}": int(n) for c, n in counts.items()})
     parts = column[[*_TIME]].fillna({"second": 0.0})
-    text = (
-        table[list(_TAILS)]
-        .astype("string")
-        .apply(lambda column: column.str.strip())
-        .replace("", None)
-    )
+    text = table[list(_TAILS)].astype("string").apply(lambda c: c.str.strip()).replace("", None)
     unsteady = pd.Series(False, table.index)
     phase = pd.Series(np.nan, table.index)
     for name, codes in _PHASES.items():  # the detailed table comes last and overrides

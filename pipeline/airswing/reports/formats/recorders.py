@@ -198,8 +198,7 @@ def _read_trace(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFr
     audit.drop("ragged_row", len(points) - len(complete), unread=True)
     # The first flag bit of a point says that its position is older than its time.
     flags = [point[6] if len(point) > 6 and isinstance(point[6], int) else 0 for point in complete]
-    pairs = zip(complete, flags, strict=True)
-    flying = [p for p, flag in pairs if p[3] != "ground" and not flag & 1]
+    flying = [p for p, f in zip(complete, flags, strict=True) if p[3] != "ground" and not f & 1]
     audit.drop("on_ground_or_stale", len(complete) - len(flying), unread=True)
     if not flying:
         raise InputError("holds no reports")
