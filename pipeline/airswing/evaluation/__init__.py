@@ -22,7 +22,6 @@ The function that makes it documents the keys.
 class Evaluation:
     """Products of the evaluation; None where the configuration does not allow one."""
 
-    profiles: xr.Dataset | None = None  # ``error_profiles.nc``
     observation_errors: xr.Dataset | None = None  # ``observation_errors.nc``
     innovations: xr.Dataset | None = None  # ``innovation_statistics.nc``
     stability: Content | None = None  # ``stability.json``

@@ -136,10 +136,8 @@ def make_evaluation(
     Includes the field test if it is configured, and a comparison of two or more references.
     """
     ranking = make_ranking(job, headings, fits)
-    profiles, innovations = make_innovations(job, headings, corrected)
     return Evaluation(
-        profiles=profiles,
-        innovations=innovations,
+        innovations=make_innovations(job, headings, corrected),
         observation_errors=make_observation_errors(job, headings, corrected),
         stability=make_stability(job, headings, fits),
         ranking=ranking,
@@ -150,10 +148,8 @@ def make_evaluation(
     )
 
 
-def make_innovations(
-    job: Job, headings: xr.Dataset, corrected: xr.Dataset
-) -> tuple[xr.Dataset, xr.Dataset]:
-    """``error_profiles.nc`` and ``innovation_statistics.nc``."""
+def make_innovations(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
+    """Write ``error_profiles.nc`` and ``innovation_statistics.nc``; return the latter."""
     titles = {
         PROFILES: "Wind error by phase of flight and level, as reported and as corrected",
         "innovation_statistics.nc": "Statistics of observation minus reference by aircraft, phase "
@@ -163,7 +159,7 @@ def make_innovations(
         products = innovation_products(headings, corrected, pools=job.pools)
         for product, (name, title) in zip(products, titles.items(), strict=True):
             job.write(product, name, title=title, sources=(headings, corrected))
-    return products
+    return products[1]
 
 
 def make_observation_errors(job: Job, headings: xr.Dataset, corrected: xr.Dataset) -> xr.Dataset:
