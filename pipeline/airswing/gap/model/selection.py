@@ -156,9 +156,9 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
     tables = [t for t in first if not t.group.named and not t.group.simple][:TABLES]
     simple = [t for t in first if t.group.simple]
     scored = [_rescored(model, terms, term) for term in (*names, *tables, *simple)]
-    # the screening score of fleet-wide candidates hardly says which form fits
+    # the screening score hardly says which form fits
     named = max((t for t in scored if t.group.named), key=lambda t: t.score, default=None)
-    if named is not None and named.scope == "f":
+    if named is not None:
         forms = [
             _rescored(model, terms, term)
             for term in able
