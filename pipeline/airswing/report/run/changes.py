@@ -72,7 +72,9 @@ def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Fig
     axis.axis_date()
     locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
     axis.set_major_locator(locator)
-    axis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    years = ["", *["%Y"] * 5]  # the ticks name the months
+    formatter = ConciseDateFormatter(locator, offset_formats=years)  # type: ignore[no-untyped-call]
+    axis.set_major_formatter(formatter)
     text = (
         f"Fits by {stability['window']} with 95 % intervals (n = "
         f"{plural(len(aircraft), 'aircraft')}); orange line and band: date of a change of the "
