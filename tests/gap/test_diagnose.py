@@ -109,6 +109,17 @@ def test_products_are_complete_and_serialise(iron):
     assert diagnosis.report.closure.by_effect[0].name == "hard_iron"
 
 
+def test_all_forms_of_a_name_are_compared_with_a_table():
+    # the form of one coefficient represents the table of icing; that with a cycle does not
+    heater = effect("heater_current", [0, 3, 5], offset_deg=0.84, amplitude_deg=0.01, phase_deg=8)
+    weak = effect("declination_error", factor=1.5, mean_deg=-0.16)
+    report = diagnose(make_frame(seed=1, effects=[heater, weak])).report
+    assert [(entry.name, entry.tails) for entry in report.effects] == [
+        ("heater_current", ["N401", "N404", "N406"])
+    ]
+    assert not report.unknown.where
+
+
 @pytest.mark.parametrize(
     ("name", "aircraft", "day", "values", "options"),
     [
