@@ -15,6 +15,7 @@ from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import active_effects
 from airswing.products.whole_files import json_types
+from airswing.units import KNOT
 
 SMALL = {
     n: CATALOGUE[n]
@@ -162,6 +163,10 @@ def test_an_offset_of_the_references_time_hides_no_other_effect():
             values[parameter] for values in (claims[name].parameters, claims[name].standard_errors)
         )
         assert stated == pytest.approx(true, abs=3 * error) and error < 0.2
+    true = np.hypot(*frame.residual.T).mean() - np.hypot(*archive().residual.T).mean()
+    assert report.closure.reduction == pytest.approx(true / KNOT, rel=0.1)
+    low, high = report.closure.reduction_ci
+    assert low < true / KNOT < high
 
 
 def test_an_effect_of_one_reference_is_attributed_to_it_at_its_size():
@@ -217,6 +222,51 @@ def test_an_error_that_depends_on_the_reported_wind_is_located():
     (place,) = report.unknown.where
     assert place.variables == ["wind_direction"]
     assert place.tails == list(frame.tails[:3])
+
+
+@pytest.mark.usefixtures("few_variables")
+@pytest.mark.parametrize(
+    ("values", "aircraft", "noise"),
+    [
+        ({"kind": "jitter", "size_m_s": 2.0}, [0, 2], 0.3),
+        # the noise of the frames would hide coarse directions
+        ({"kind": "lattice", "limit_kt": 40.0, "direction_step_deg": 45.0}, None, 0.0),
+    ],
+)
+def test_an_effect_that_changes_no_mean_is_sized_and_closed(values, aircraft, noise):
+    upper = {"variable": "altitude", "shape": "step", "at": 0.6, "width": 0.1}
+    parts = {"parts": [upper] if aircraft else []}
+    outside = effect("outside", aircraft, **parts, **values)
+    frame, before = (
+        make_frame(seed=7, aircraft=5, days=28, effects=effects, noise=noise)
+        for effects in ((outside,), ())
+    )
+    report = diagnose(frame, catalogue=SMALL).report
+    assert report.effects == []
+    (place,) = report.unknown.where
+    assert place.component == ("scatter" if aircraft else "reported_direction")
+    assert place.tails == ([frame.tails[a] for a in aircraft] if aircraft else [])
+    true = np.hypot(*frame.residual.T).mean() - np.hypot(*before.residual.T).mean()
+    low, high = place.closure.reduction_ci
+    assert low < true / KNOT < high and low > 0.4 * true / KNOT
+    if aircraft:
+        sizes = [size for size in place.curve.m_s if size > 0]
+        assert np.median(sizes) == pytest.approx(2.0 / np.sqrt(2.0), rel=0.1)
+    else:
+        assert (place.steps.step_deg, place.steps.up_to_kt) == (45.0, pytest.approx(40.0, abs=0.5))
+
+
+@pytest.mark.usefixtures("few_variables")
+def test_a_sawtooth_is_one_statement_and_closed():
+    """Its jumps are finer than knots: they are no second function of the altitude."""
+    saw = {"variable": "altitude", "shape": "saw", "at": 0.55, "width": 0.33}
+    outside = {"component": "along_heading", "parts": [saw], "size_m_s": 1.5, "sign": 1.0}
+    frame = archive(effect("outside", **outside), seed=7, aircraft=5, days=14)
+    before = archive(seed=7, aircraft=5, days=14)
+    report = diagnose(frame, catalogue=SMALL).report
+    assert [place.variables for place in report.unknown.where] == [["altitude"]]
+    true = np.hypot(*frame.residual.T).mean() - np.hypot(*before.residual.T).mean()
+    assert 0.6 * true / KNOT < report.closure.reduction < 1.1 * true / KNOT
 
 
 def test_a_change_in_a_long_archive_is_dated_to_the_day(monkeypatch):

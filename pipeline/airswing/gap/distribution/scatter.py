@@ -5,7 +5,9 @@ model, less that of simulated archives of the same paths, noise and coding, is a
 1976, Econometrica 44, 461-465). A curve of y over a variable, on the fleet or on some aircraft, has
 the evidence of a table of the mean, with the usual variation of log variance in place of that of
 the wind. A common curve of the bank, which is noise, is removed first; the level of each aircraft
-is compared with the fleet's.
+is compared with the fleet's. The interpolation error of a report contains the errors of its
+neighbours: the excess variance is divided by the mean square interpolation error of independent
+errors of 1 m/s at the affected reports.
 """
 
 from __future__ import annotations
@@ -54,8 +56,11 @@ def log_squares(residual: Floats, noise: NoiseFit) -> tuple[Floats, Floats]:
 
 def excess_log_squares(
     frame: Frame, context: Frame, residual: Floats, noise: NoiseFit, gross: Booleans, seed: int
-) -> tuple[Floats, Floats]:
-    """Y of the module, and the variance that the noise model expects, (n,)."""
+) -> tuple[Floats, Floats, NoiseFit]:
+    """Y of the module, the variance that the noise model expects, (n,), and that model.
+
+    Only the reports ``gross`` (n,) are masked in it.
+    """
     doubt = heading_doubt(frame, context)
     gains = whitening_gains(noise.model, noise.order, context, ~gross, doubt)
     noise = replace(noise, gains=gains, gross=gross)
@@ -67,7 +72,7 @@ def excess_log_squares(
         u, v = coding.apply(frame.u_ref + error[:, 0], frame.v_ref + error[:, 1])
         simulated, _ = log_squares(np.stack([u - frame.u_ref, v - frame.v_ref], -1), noise)
         total += np.where(np.isfinite(simulated), simulated, 0.0) / DRAWS
-    return real - total, variance
+    return real - total, variance, noise
 
 
 def find_scatter(
@@ -85,7 +90,9 @@ def find_scatter(
     (``named``) and aircraft (``without``) whose scatter has a name.
     """
     frame, variables = fitted.frame, fitted.model.sums.candidates.variables
-    y, variance = excess_log_squares(frame, fitted.context, residual, fitted.noise, named, seed)
+    y, variance, noise = excess_log_squares(
+        frame, fitted.context, residual, fitted.noise, named, seed
+    )
     y[np.isin(frame.aircraft, list(without))] = np.nan
     valid = np.isfinite(y)
     if valid.sum() < LEAST_REPORTS * 5:
@@ -109,9 +116,26 @@ def find_scatter(
             if candidate.tails and score > GATE and (best is None or score > best[0]):
                 best = score, name, candidate
     if best is None:
-        return _by_aircraft(frame, y, variance, residual, gross)
+        return _by_aircraft(frame, y, variance, noise, residual, gross)
     score, name, candidate = best
-    return _by_variable(frame, y, variance, residual, gross, variables[name], candidate, score)
+    return _by_variable(
+        frame, y, variance, noise, residual, gross, variables[name], candidate, score
+    )
+
+
+def _gain_of_independent(noise: NoiseFit, affected: Booleans) -> float:
+    """Mean square interpolation error of independent errors of 1 m/s at affected reports."""
+    errors = np.random.default_rng(0).standard_normal((affected.size, 2)) * affected[:, None]
+    errors, precision = interpolation_errors(errors, noise.order, noise.gains)
+    return float(np.mean(errors[affected & (precision > 0)] ** 2))
+
+
+def _excess_size(excess: float, variance: Floats, gain: float) -> float:
+    """Standard deviation s, m/s, with which the mean of log(1 + gain s^2 / variance) is excess."""
+    sizes = np.geomspace(0.01, 100.0, 100)
+    sampled = variance[:: max(1, variance.size // 2000)]
+    logs = np.log1p(gain * sizes[:, None] ** 2 / sampled).mean(axis=1)
+    return float(np.interp(excess, logs, sizes))
 
 
 def _mean_by_bank(frame: Frame, y: Floats, valid: Booleans) -> Floats:
@@ -158,6 +182,7 @@ def _by_variable(
     frame: Frame,
     y: Floats,
     variance: Floats,
+    noise: NoiseFit,
     residual: Floats,
     gross: Booleans,
     variable: Variable,
@@ -178,10 +203,13 @@ def _by_variable(
     above = np.where(count >= 30, np.maximum(mean - quiet, 0.0), 0.0)
     error = np.sqrt(LOG_VARIANCE / np.maximum(count, 1))
     above[above < np.maximum(2 * error, 0.2 * above.max())] = 0.0
-    total = np.bincount(cell[selected], variance[selected], minlength=edges.size - 1)
-    typical = total / np.maximum(count, 1)
-    values = np.sqrt(np.expm1(np.minimum(above, 5.0)) * np.exp(max(quiet, 0.0)) * typical)
     inside = np.isin(frame.aircraft, candidate.tails) & (cell >= 0)
+    affected = inside & (above > 0)[np.maximum(cell, 0)]
+    gain = _gain_of_independent(noise, affected)
+    values = np.zeros(above.size)
+    for k in np.flatnonzero(above):
+        ordinary = variance[selected & (cell == k)] * np.exp(quiet)
+        values[k] = _excess_size(above[k], ordinary, gain)
     sizes = np.where(inside, values[np.maximum(cell, 0)], 0.0)
     if not sizes.any():
         return None
@@ -198,7 +226,12 @@ def _by_variable(
 
 
 def _by_aircraft(
-    frame: Frame, y: Floats, variance: Floats, residual: Floats, gross: Booleans
+    frame: Frame,
+    y: Floats,
+    variance: Floats,
+    noise: NoiseFit,
+    residual: Floats,
+    gross: Booleans,
 ) -> PlaceEntry | None:
     valid = np.isfinite(y)
     count = np.bincount(frame.aircraft[valid], minlength=len(frame.tails))
@@ -213,11 +246,11 @@ def _by_aircraft(
     high = (ratio > 0.15) & (evidence > GATE)  # standard deviations 15 % above those of the fleet
     if not high.any():
         return None
-    size = np.zeros(len(frame.tails))
-    for a, excess in zip(used[high], 2 * ratio[high], strict=True):
-        reports = valid & (frame.aircraft == a)
-        size[a] = np.sqrt(np.expm1(min(excess, 5.0)) * float(variance[reports].mean()))
     tails = tuple(int(a) for a in used[high])
+    gain = _gain_of_independent(noise, np.isin(frame.aircraft, tails))
+    size = np.zeros(len(frame.tails))
+    for a, excess in zip(tails, 2 * ratio[high], strict=True):
+        size[a] = _excess_size(excess, variance[valid & (frame.aircraft == a)], gain)
     best = float(evidence[high].max())
     curve = CurveEntry([frame.tails[a] for a in tails], size[list(tails)].tolist())
     return _place(frame, residual, gross, "scatter", tails, best, size[frame.aircraft], curve)

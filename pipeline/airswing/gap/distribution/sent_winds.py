@@ -4,8 +4,9 @@ Counts of reported speeds (classes of 2 kt) and directions (10 degrees) are comp
 simulated reports: the reference wind plus the residual of another report of the same level, coded
 alike. A smooth ratio of the two is the weather's; a cell that differs from its neighbours is the
 unit's. The day is the unit of scatter. The speed that the unit sends in place of each speed is the
-monotone map between the quantiles of simulated and reported speeds; the closure is the
-disagreement that the map adds to simulated reports.
+monotone map between the quantiles of simulated and reported speeds; the directions that it sends
+are multiples of a step up to some speed. The closure is the disagreement that either adds to
+simulated reports; of directions without a step it is not known.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.lattices import direction_lattice
+from airswing.gap.archive.lattices import DirectionLattice, direction_lattice
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.distribution.entries import closes, place_of
 from airswing.gap.effects.empirical import mapped_speed
@@ -129,12 +130,17 @@ def find_sent_winds(
     directions = count[0] / np.maximum(np.mean(count[1:], axis=0), 1.0) - 1.0
     component, rms = "reported_direction", 0.0
     closure = closes(0.0, 0.0)
+    grid = direction_lattice(*real[rows].T) if name == "wind_direction" else None
+    if grid is not None:
+        sent_instead = [_on_lattice(wind, grid) for wind in drawn]
+        closure = _closure(frame, drawn, sent_instead, rows, day)
     percent = (100.0 * directions).tolist()
     curve = CurveEntry([f"{10 * k}" for k in range(36)], percent, unit="percent")
     if name == "wind_speed" and (speeds != sent).any():
         component = "reported_speed"
         rms = float(np.sqrt(np.mean((sent - speeds) ** 2)))
-        closure = _closure(frame, drawn, rows, speeds, sent, day)
+        sent_instead = [_with_speeds(wind, speeds, sent) for wind in drawn]
+        closure = _closure(frame, drawn, sent_instead, rows, day)
         curve = CurveEntry(
             [f"{speed:.3g}" for speed in speeds],
             sent.tolist(),
@@ -146,7 +152,6 @@ def find_sent_winds(
         )
     place = place_of(component, name, tails, frame.tails, score, rms, curve, closure)
     place = replace(place, settled_by="the unit's winds before coding and those it sends")
-    grid = direction_lattice(*real[rows].T) if name == "wind_direction" else None
     if grid is not None:
         place = replace(place, steps=StepsEntry(grid.step, grid.below / KNOT, grid.share))
     return place, tails
@@ -179,17 +184,26 @@ def _speed_map(real: Floats, drawn: list[Floats], rows: Booleans) -> tuple[Float
     return speeds, np.where(same, speeds, sent)
 
 
+def _with_speeds(wind: Floats, speeds: Floats, sent: Floats) -> Floats:
+    speed = np.hypot(*wind.T)
+    return np.asarray(wind * (mapped_speed(speed, speeds, sent) / np.maximum(speed, 1e-6))[:, None])
+
+
+def _on_lattice(wind: Floats, grid: DirectionLattice) -> Floats:
+    speed, direction = np.hypot(*wind.T), np.arctan2(*wind.T)
+    step = np.radians(grid.step)
+    on = np.where(speed <= grid.below, step * np.round(direction / step), direction)
+    return np.stack([speed * np.sin(on), speed * np.cos(on)], -1)
+
+
 def _closure(
-    frame: Frame, drawn: list[Floats], rows: Booleans, speeds: Floats, sent: Floats, day: Integers
+    frame: Frame, drawn: list[Floats], sent: list[Floats], rows: Booleans, day: Integers
 ) -> ClosesEntry:
     reference = np.stack([frame.u_ref, frame.v_ref], -1)
     added = np.zeros(frame.size)
-    for wind in drawn:
-        speed = np.hypot(*wind.T)
-        scale = mapped_speed(speed, speeds, sent) / np.maximum(speed, 1e-6)
-        after = np.hypot(*(scale[:, None] * wind - reference).T)
-        longer = np.where(rows, after - np.hypot(*(wind - reference).T), 0.0)
-        added += longer / len(drawn) / KNOT
+    for before, after in zip(drawn, sent, strict=True):
+        longer = np.hypot(*(after - reference).T) - np.hypot(*(before - reference).T)
+        added += np.where(rows, longer, 0.0) / len(drawn) / KNOT
     by_day, count = np.bincount(day, added), np.bincount(day)
     value = float(added.mean())
     spread = float(np.sqrt(((by_day - value * count) ** 2).sum()) / frame.size)

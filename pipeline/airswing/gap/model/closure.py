@@ -113,17 +113,16 @@ def _coefficient_doubt(
     # by rounding, a covariance of nearly collinear columns may have eigenvalues below zero
     values, vectors = np.linalg.eigh(exact.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    terms = range(len(fitted.terms))
     # thirty draws on every fifth report
-    base = [response.linear(k, exact.theta)[::5] for k in terms]
-    shifts = [root @ rng.standard_normal(root.shape[1]) for _ in range(30)]
-    draws = [[response.linear(k, shift)[::5] for k in terms] for shift in shifts]
+    drawn = [exact.theta + root @ rng.standard_normal(root.shape[1]) for _ in range(30)]
+    changes = [
+        [response.linear(k, theta)[::5] for k in range(len(fitted.terms))] for theta in drawn
+    ]
     residual = fitted.frame.residual[::5]
     out = []
     for claim in [*claims, [k for c in claims for k in c]]:
-        rest = residual - sum((base[k] for k in claim), np.zeros_like(residual))
-        gains = [float(np.hypot(*(rest - sum(draw[k] for k in claim)).T).mean()) for draw in draws]
-        out.append(float(np.std(gains)) / KNOT)
+        lengths = [np.hypot(*(residual - sum(change[k] for k in claim)).T) for change in changes]
+        out.append(float(np.std([length.mean() for length in lengths])) / KNOT)
     return out
 
 

@@ -67,7 +67,7 @@ class Response:
         of_report = of_reports(self.model, k, theta)
         effect = np.einsum("nck,nk->nc", columns, of_report)
         curved = self.curved[k]
-        if curved is not None and raw is None:
+        if curved is not None:
             effect = effect + np.einsum("nck,nk->nc", curved, of_report**2)
         return np.asarray(effect)
 

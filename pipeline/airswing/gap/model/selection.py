@@ -34,14 +34,14 @@ DAYS = 3
 NAMES, TABLES = 12, 6
 #: Most terms, rounds of replacement after an addition, and names that represent a table together.
 MAX_TERMS, ROUNDS, MAX_NAMES = 8, 2, 3
-#: Other lever of each component, and times the usual number of knots.
+#: Other lever of each component, and multiples of the usual number of knots.
 LEVERS = {
     "heading_angle": "across_heading",
     "along_heading": "airspeed_factor",
     "wind_angle": "across_wind",
     "along_wind": "wind_factor",
 }
-FINER = 2
+FINER = (2, 4)
 #: Cells of each variable in a table of two.
 PAIRED = 7
 #: Log evidence of a table from which a second variable is sought.
@@ -125,10 +125,12 @@ def _static_terms(model: Model, group: Group, stats: Statistics, factor: float) 
             return []
         scopes = scopes.replace("f", "")
     # two terms of one name, or of one variable and component, on one aircraft would cancel
-    same = [t for t in model.terms if t.group.name == group.name and not t.start and t.scope == "a"]
-    having = [a for term in same for a in term.tails]
+    same = [t for t in model.terms if _function(t.group) == _function(group) and not t.start]
+    having = [a for term in same for a in term.tails if term.scope == "a"]
     if len(having) == model.sums.A:
         scopes = scopes.replace("a", "")
+    if not group.named and any(term.scope == "f" for term in same):
+        scopes = scopes.replace("f", "")
     if not scopes:
         return []
     ranked = static_evidence(stats, model.kappa, scopes, having=having)
@@ -141,6 +143,13 @@ def _static_terms(model: Model, group: Group, stats: Statistics, factor: float) 
             scores = r.evidence + group.prior, gated[scope].evidence + group.prior
             out.append(Term(group, scope, r.tails, r.scale, {}, *scores, r.inclusion, r.spread))
     return out
+
+
+def _function(group: Group) -> str:
+    """Name of a group; of a table with another lever that with the usual one."""
+    name, _, component = group.name.partition("|")
+    usual = {lever: component for component, lever in LEVERS.items()}
+    return group.name if group.named else f"{name}|{usual.get(component, component)}"
 
 
 def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list[Term]:
@@ -409,8 +418,9 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
     usual = candidates.table_of(term.group).curves[0]
     options = [Table((usual,), LEVERS[component])]
     if KINDS[name][0] != "category":
-        fine = candidates.curve(name, FINER * KNOTS[name])
-        options += [Table((fine,), component), Table((fine,), LEVERS[component])]
+        for finer in FINER:
+            fine = candidates.curve(name, finer * KNOTS[name])
+            options += [Table((fine,), component), Table((fine,), LEVERS[component])]
     best = _best_table(model, terms, term, options, float(np.log(1 + len(options))))
     if best is not term:
         LOG.debug("~ %s -> %s", describe(term), describe(best))
