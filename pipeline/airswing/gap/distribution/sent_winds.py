@@ -207,4 +207,5 @@ def _closure(
     by_day, count = np.bincount(day, added), np.bincount(day)
     value = float(added.mean())
     spread = float(np.sqrt(((by_day - value * count) ** 2).sum()) / frame.size)
-    return closes(value, float(np.hypot(spread, 0.16 * value)))
+    # winds cannot come nearer by it: a value below zero is an error of the simulated distribution
+    return closes(max(value, 0.0), float(np.hypot(spread, max(0.16 * value, -value))))
