@@ -9,6 +9,7 @@ from tests.gap.frames import headings_dataset
 from tests.gap.toy import START, effect, make_frame
 
 from airswing.errors import InputError
+from airswing.gap.archive.frame import AIRCRAFT_FIELDS
 from airswing.gap.archive.reported_variables import KINDS
 from airswing.gap.diagnose import attributed, diagnose
 from airswing.gap.effects import CATALOGUE
@@ -238,7 +239,7 @@ def test_an_effect_that_changes_no_mean_is_sized_and_closed(values, aircraft, no
     parts = {"parts": [upper] if aircraft else []}
     outside = effect("outside", aircraft, **parts, **values)
     frame, before = (
-        make_frame(seed=7, aircraft=5, days=28, effects=effects, noise=noise)
+        make_frame(seed=7, aircraft=5, days=14, effects=effects, noise=noise)
         for effects in ((outside,), ())
     )
     report = diagnose(frame, catalogue=SMALL).report
@@ -302,6 +303,37 @@ def test_a_simple_error_outside_the_catalogue_is_not_named_by_a_richer_effect(
     assert place.curve.values == pytest.approx([size] * len(place.curve.values), rel=0.1)
     periods = {entry.period and entry.period[0] for entry in active_effects(report)}
     assert (periods == {None}) == (day is None)
+
+
+def test_an_aircraft_without_reports_hides_no_effect():
+    frame = archive(effect("compass_offset", offset_deg=1.5), effect("tas_scale", [2], scale=0.03))
+    fields = {name: np.append(getattr(frame, name), np.nan) for name in AIRCRAFT_FIELDS}
+    frame = replace(frame, tails=(*frame.tails, "N999"), **fields)
+    report = diagnose(frame, catalogue=SMALL, dictionary=False).report
+    claims = {entry.name: entry.tails for entry in report.effects}
+    assert set(claims) == {"compass_offset", "tas_scale"}
+    assert claims["tas_scale"] == [frame.tails[2]]
+
+
+def test_changes_have_their_own_dates():
+    """Two changes of one aircraft cancel; another aircraft changes on another day."""
+    effects = (
+        effect("compass_step", [1], 5, offset_deg=3.0),
+        effect("compass_step", [1], 12, offset_deg=-3.0),
+        effect("compass_step", [4], 9, offset_deg=3.0),
+    )
+    frame = archive(*effects, days=18)
+    report = diagnose(frame, catalogue=SMALL, dictionary=False).report
+    assert {entry.name for entry in report.effects} == {"compass_step"}
+    changes = {
+        (tail, round((np.datetime64(active.period[0], "D") - START).astype(int)))
+        for active in active_effects(report)
+        for tail in active.tails
+    }
+    expected = ((frame.tails[1], 5), (frame.tails[1], 12), (frame.tails[4], 9))
+    assert len(changes) == 3
+    for tail, day in expected:
+        assert any(found == tail and abs(on - day) <= 1 for found, on in changes)
 
 
 def test_exchanged_identifiers_are_found_and_given_back():

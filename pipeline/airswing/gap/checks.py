@@ -172,7 +172,7 @@ def aliases(fitted: Fitted) -> list[AliasEntry]:
     """List pairs of effects whose whitened columns share 80 % of their energy, largest first.
 
     The shared energy of an effect is tr(T' G_12 G_22^-1 G_21 T) / tr(T' G_11 T) over the aircraft
-    of the effect; day fields are eliminated and the climatology is projected out.
+    of the effect, whitened by the noise along flights.
     """
     sums = fitted.model.sums
     shares: dict[tuple[str, str], float] = {}
@@ -185,7 +185,7 @@ def aliases(fitted: Fitted) -> list[AliasEntry]:
         if not term.group.named or term.start:
             continue
         columns = whitened(term.group)
-        total = max(float((columns * columns).sum()), 1e-12)
+        total = max(sum(float((columns[sums.rows_of(a)] ** 2).sum()) for a in term.tails), 1e-12)
         for group in sums.candidates.groups:
             if not group.named or group.dated or group.name == term.group.name:
                 continue

@@ -138,8 +138,11 @@ def diagnosis(
     report = attributed(
         report,
         job.pools[job.config.gap_reference()],
-        lambda reference, offset: frame_of(
-            job, with_near_winds(job, headings, offset) if offset else headings, reference
+        lambda reference, offset: remove_effects(
+            frame_of(
+                job, with_near_winds(job, headings, offset) if offset else headings, reference
+            ),
+            start.removed,
         ),
     )
     write_json(job.output / "gap.json", report.content())

@@ -182,6 +182,8 @@ def reduction_of_coding(
     """
     per_tail = {tail: row.parameters for tail, row in (entry.per_tail or {}).items()}
     affected = frame.aircraft_mask(entry.tails) & ~gross
+    if entry.period and entry.period[0]:
+        affected &= frame.time >= np.datetime64(entry.period[0], "s").astype(float)
     if entry.name == "wind_coding":
         steps = np.zeros((2, len(frame.tails)))
         for tail, values in per_tail.items():

@@ -13,7 +13,7 @@ errors of 1 m/s at the affected reports.
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -44,6 +44,15 @@ NATURAL = 0.2
 LEAST_REPORTS = 200
 
 
+@dataclass(frozen=True)
+class Excess:
+    """Scatter of the reports beyond that of simulated ones."""
+
+    logs: Floats  # (n,): y of the module; NaN where it is not used
+    variance: Floats  # (n,): what the noise model expects, m2 s-2
+    noise: NoiseFit  # the model, with gross errors masked only where they have a name
+
+
 def log_squares(residual: Floats, noise: NoiseFit) -> tuple[Floats, Floats]:
     """Log squared interpolation error over its expectation, and that, (n,); NaN where masked."""
     errors, precision = interpolation_errors(residual, noise.order, noise.gains)
@@ -56,11 +65,8 @@ def log_squares(residual: Floats, noise: NoiseFit) -> tuple[Floats, Floats]:
 
 def excess_log_squares(
     frame: Frame, context: Frame, residual: Floats, noise: NoiseFit, gross: Booleans, seed: int
-) -> tuple[Floats, Floats, NoiseFit]:
-    """Y of the module, the variance that the noise model expects, (n,), and that model.
-
-    Only the reports ``gross`` (n,) are masked in it.
-    """
+) -> Excess:
+    """Excess of the residual (n, 2), with the reports ``gross`` (n,) masked."""
     doubt = heading_doubt(frame, context)
     gains = whitening_gains(noise.model, noise.order, context, ~gross, doubt)
     noise = replace(noise, gains=gains, gross=gross)
@@ -72,7 +78,7 @@ def excess_log_squares(
         u, v = coding.apply(frame.u_ref + error[:, 0], frame.v_ref + error[:, 1])
         simulated, _ = log_squares(np.stack([u - frame.u_ref, v - frame.v_ref], -1), noise)
         total += np.where(np.isfinite(simulated), simulated, 0.0) / DRAWS
-    return real - total, variance, noise
+    return Excess(real - total, variance, noise)
 
 
 def find_scatter(
@@ -90,15 +96,14 @@ def find_scatter(
     (``named``) and aircraft (``without``) whose scatter has a name.
     """
     frame, variables = fitted.frame, fitted.model.sums.candidates.variables
-    y, variance, noise = excess_log_squares(
-        frame, fitted.context, residual, fitted.noise, named, seed
-    )
-    y[np.isin(frame.aircraft, list(without))] = np.nan
+    excess = excess_log_squares(frame, fitted.context, residual, fitted.noise, named, seed)
+    y = np.where(np.isin(frame.aircraft, list(without)), np.nan, excess.logs)
     valid = np.isfinite(y)
     if valid.sum() < LEAST_REPORTS * 5:
         return None
     days, day, _ = days_of(frame)
     y = y - _mean_by_bank(frame, y, valid)
+    excess = replace(excess, logs=y)
     best: tuple[float, str, ScopeEvidence] | None = None
     number = 2 * max(len(variables), 1)
     for name, variable in variables.items():
@@ -108,7 +113,7 @@ def find_scatter(
             continue
         functions = curve.functions(variable.values)
         statistics = _statistics(y, functions, curve, frame.aircraft, day, days.size, use)
-        factor = max(1.0, float(np.mean(statistics.factor)))
+        factor = max(1.0, statistics.mean_factor)
         scales = np.array([0.3, 0.6, 1.2])  # of log variance, of an effect
         by_scope = static_evidence(statistics, factor, "af", scales=scales, usual=NATURAL)
         for candidate in by_scope.values():
@@ -116,11 +121,9 @@ def find_scatter(
             if candidate.tails and score > GATE and (best is None or score > best[0]):
                 best = score, name, candidate
     if best is None:
-        return _by_aircraft(frame, y, variance, noise, residual, gross)
+        return _by_aircraft(frame, excess, residual, gross)
     score, name, candidate = best
-    return _by_variable(
-        frame, y, variance, noise, residual, gross, variables[name], candidate, score
-    )
+    return _by_variable(frame, excess, residual, gross, variables[name], candidate, score)
 
 
 def _gain_of_independent(noise: NoiseFit, affected: Booleans) -> float:
@@ -180,9 +183,7 @@ def _statistics(
 
 def _by_variable(
     frame: Frame,
-    y: Floats,
-    variance: Floats,
-    noise: NoiseFit,
+    excess: Excess,
     residual: Floats,
     gross: Booleans,
     variable: Variable,
@@ -190,25 +191,36 @@ def _by_variable(
     evidence: float,
 ) -> PlaceEntry | None:
     """Excess over the quietest third of the cells, in m/s."""
+    y = excess.logs
     edges = variable.edges(24 if KINDS[variable.name][0] != "category" else 3)
     selected = np.isin(frame.aircraft, candidate.tails) & np.isfinite(y)
     cell = variable.cells(edges)
     selected &= cell >= 0
-    count = np.bincount(cell[selected], minlength=edges.size - 1)
-    mean = np.bincount(cell[selected], y[selected], minlength=edges.size - 1) / np.maximum(count, 1)
-    used = np.flatnonzero(count >= 30)
+    even = frame.day % 2 == 0
+
+    def sums_by_cell(reports: Booleans) -> tuple[Floats, Floats]:
+        number = edges.size - 1
+        count = np.bincount(cell[reports], minlength=number).astype(np.float64)
+        return count, np.asarray(np.bincount(cell[reports], y[reports], minlength=number))
+
+    (count, total), (count_even, total_even) = sums_by_cell(selected), sums_by_cell(selected & even)
+    used = np.flatnonzero((count >= 30) & (count_even > 0) & (count_even < count))
     if used.size < 2:
         return None
-    quiet = float(np.median(np.sort(mean[used])[: max(used.size // 3, 1)]))
-    above = np.where(count >= 30, np.maximum(mean - quiet, 0.0), 0.0)
+    # even days select the quietest cells, odd ones give their mean, which is not selected
+    order = np.argsort((total_even / np.maximum(count_even, 1))[used])
+    lowest = used[order[: max(used.size // 3, 1)]]
+    quiet = float((total - total_even)[lowest].sum() / (count - count_even)[lowest].sum())
+    above = np.where(count >= 30, np.maximum(total / np.maximum(count, 1) - quiet, 0.0), 0.0)
+    # three standard errors: none of two dozen cells by chance
     error = np.sqrt(LOG_VARIANCE / np.maximum(count, 1))
-    above[above < np.maximum(2 * error, 0.2 * above.max())] = 0.0
+    above[above < np.maximum(3 * error, 0.2 * above.max())] = 0.0
     inside = np.isin(frame.aircraft, candidate.tails) & (cell >= 0)
     affected = inside & (above > 0)[np.maximum(cell, 0)]
-    gain = _gain_of_independent(noise, affected)
+    gain = _gain_of_independent(excess.noise, affected)
     values = np.zeros(above.size)
     for k in np.flatnonzero(above):
-        ordinary = variance[selected & (cell == k)] * np.exp(quiet)
+        ordinary = excess.variance[selected & (cell == k)] * np.exp(quiet)
         values[k] = _excess_size(above[k], ordinary, gain)
     sizes = np.where(inside, values[np.maximum(cell, 0)], 0.0)
     if not sizes.any():
@@ -226,13 +238,9 @@ def _by_variable(
 
 
 def _by_aircraft(
-    frame: Frame,
-    y: Floats,
-    variance: Floats,
-    noise: NoiseFit,
-    residual: Floats,
-    gross: Booleans,
+    frame: Frame, excess: Excess, residual: Floats, gross: Booleans
 ) -> PlaceEntry | None:
+    y = excess.logs
     valid = np.isfinite(y)
     count = np.bincount(frame.aircraft[valid], minlength=len(frame.tails))
     total = np.bincount(frame.aircraft[valid], y[valid], minlength=len(frame.tails))
@@ -247,10 +255,10 @@ def _by_aircraft(
     if not high.any():
         return None
     tails = tuple(int(a) for a in used[high])
-    gain = _gain_of_independent(noise, np.isin(frame.aircraft, tails))
+    gain = _gain_of_independent(excess.noise, np.isin(frame.aircraft, tails))
     size = np.zeros(len(frame.tails))
-    for a, excess in zip(tails, 2 * ratio[high], strict=True):
-        size[a] = _excess_size(excess, variance[valid & (frame.aircraft == a)], gain)
+    for a, log_ratio in zip(tails, 2 * ratio[high], strict=True):
+        size[a] = _excess_size(log_ratio, excess.variance[valid & (frame.aircraft == a)], gain)
     best = float(evidence[high].max())
     curve = CurveEntry([frame.tails[a] for a in tails], size[list(tails)].tolist())
     return _place(frame, residual, gross, "scatter", tails, best, size[frame.aircraft], curve)

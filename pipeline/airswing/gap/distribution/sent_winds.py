@@ -113,8 +113,8 @@ def find_sent_winds(
             total, expected = (x.sum(axis=0) if a < 0 else x[a] for x in (actual, simulated))
             z, contrast = contrasts(total, expected, name == "wind_direction")
             z = np.where(np.abs(contrast) > LEAST_CONTRAST, z, 0.0)
-            # a sum over D days has tails of Student's law
-            evidence = 0.5 * number * np.log1p(z**2 / number)
+            # likelihood of the mean of D normal days of unknown variance (Student's law)
+            evidence = -0.5 * number * np.log1p(-(z**2) / number)
             k = int(np.argmax(evidence))
             price = np.log(2.0 * size) + (0.0 if a < 0 else np.log(2.0 * aircraft))
             score = float(evidence[k] - price)

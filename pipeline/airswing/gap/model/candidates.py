@@ -282,7 +282,8 @@ class Candidates:
                 forms = [((0,), True), ((1, 2), True), ((0, 1, 2), True)]
             elif effect.kind == "drift":
                 forms.append((every, True))
-            curved = self.curvature(effect.name, self.context)
+            # between winds of the reference, which those of the context are not
+            curved = self.curvature(effect.name, self.frame)
             if curved is not None:
                 self.curved[effect.name] = curved
             quantity = "airspeed" if effect.stage == "sensor" or effect.reverses else "wind"

@@ -1,8 +1,8 @@
 """Closure of the gap: mean vector disagreement on held-out days without the effects found, kt.
 
 Terms are fitted to four of five groups of days and subtracted from the fifth, at the heading,
-airspeed and wind that were reported. The interval is from a bootstrap over days and from draws of
-the coefficients, which include the error of a fit to a part of the days.
+airspeed and wind that were reported. The interval is from a bootstrap over blocks of two days and
+from draws of the coefficients; its upper end includes what their errors cost.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from airswing.gap.archive.reported_variables import RELIABILITY
 from airswing.gap.arrays import Floats, Integers
@@ -45,7 +46,7 @@ def is_held_out(days: int) -> bool:
 def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> Closure:
     """Remove claims, each a list of terms, one after the other."""
     sums, exact = fitted.model.sums, fitted.exact
-    theta = exact.by_fold if is_held_out(sums.span) else exact.theta
+    theta = exact.by_fold if is_held_out(sums.D) else exact.theta
     response = exact.response
     linear = [response.linear(k, theta, response.reported[k + 1]) for k in range(len(fitted.terms))]
     rng = np.random.default_rng(seed)
@@ -57,30 +58,37 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
         residual = fitted.frame.residual - response.combined(linear, removed)
         lengths.append(np.hypot(*residual.T) / KNOT)
     doubt = _coefficient_doubt(fitted, claims, rng)
-    days, count = sums.D, np.bincount(sums.day, minlength=sums.D)
-    by_day = np.stack([np.bincount(sums.day, length, days) for length in lengths])
-    picks = rng.integers(0, days, (SAMPLES, days))
-    drawn = by_day[:, picks].sum(axis=2) / count[picks].sum(axis=1)
-    means = by_day.sum(axis=1) / count.sum()
+    block = sums.day // BLOCK if is_held_out(sums.D) else sums.day
+    number = int(block.max()) + 1
+    count = np.bincount(block, minlength=number)
+    by_block = np.stack([np.bincount(block, length, number) for length in lengths])
+    picks = rng.integers(0, number, (SAMPLES, number))
+    drawn = by_block[:, picks].sum(axis=2) / count[picks].sum(axis=1)
+    means = by_block.sum(axis=1) / count.sum()
+    # drawn means of n blocks have (n - 1) / n of the variance, and Student's law
+    freedom = max(number - 1, 1)
+    widening = np.sqrt(number / freedom) * float(stdtrit(freedom, 0.975)) / NORMAL_95
     unseen = [_missed_ratio(fitted, claim) for claim in claims]
-    steps = tuple(
-        _step(means[j] - means[j + 1], drawn[j] - drawn[j + 1], doubt[j], unseen[j])
-        for j in range(len(claims))
-    )
+
+    def step(first: int, last: int, doubt: tuple[float, float], unseen: float) -> ClosesEntry:
+        scatter = widening * float((drawn[first] - drawn[last]).std())
+        return _step(float(means[first] - means[last]), scatter, doubt, unseen)
+
+    steps = tuple(step(j, j + 1, doubt[j], unseen[j]) for j in range(len(claims)))
     missed = sum(
         share * max(step.reduction, 0.0) for share, step in zip(unseen, steps, strict=True)
     )
     value = means[0] - means[-1]
     share = missed / value if value > 0 else 0.0
-    total = _step(value, drawn[0] - drawn[-1], doubt[-1] if claims else 0.0, share)
+    total = step(0, -1, doubt[-1] if claims else (0.0, 0.0), share)
     return Closure(float(means[0]), steps, total, residual)
 
 
-def _step(value: float, drawn: Floats, doubt: float, unseen: float) -> ClosesEntry:
+def _step(value: float, scatter: float, doubt: tuple[float, float], unseen: float) -> ClosesEntry:
+    error, cost = doubt
     # as stated, with two decimals, a value lies within its interval
-    half = NORMAL_95 * float(np.hypot(drawn.std(), doubt)) + 0.005
-    value = float(value)
-    return ClosesEntry(value, [value - half, value + half + unseen * max(value, 0.0)])
+    half = NORMAL_95 * float(np.hypot(scatter, error)) + 0.005
+    return ClosesEntry(value, [value - half, value + half + cost + unseen * max(value, 0.0)])
 
 
 def _missed_ratio(fitted: Fitted, claim: Sequence[int]) -> float:
@@ -94,18 +102,22 @@ def _missed_ratio(fitted: Fitted, claim: Sequence[int]) -> float:
     """
     shares = []
     for group in (fitted.terms[k].group for k in claim):
-        share = group.reliability
+        # tables are subtracted at the reported winds, without the blur of their fit
+        share = group.reliability if group.named else 1.0
         for name in () if group.named else group.variables:
             squared = RELIABILITY.get(name, 1.0)
-            share *= 0.9 * (2 / np.pi * np.arcsin(np.sqrt(squared))) ** 2 / squared
+            share *= 0.9 * (2 / np.pi * np.arcsin(np.sqrt(squared))) ** 2
         shares.append(share)
     return 1.0 / min(shares) - 1.0
 
 
 def _coefficient_doubt(
     fitted: Fitted, claims: Sequence[Sequence[int]], rng: np.random.Generator
-) -> list[float]:
-    """Standard deviation of each step and of the total when coefficients are drawn, kt."""
+) -> list[tuple[float, float]]:
+    """Standard deviation of each step and of the total when coefficients are drawn, kt.
+
+    Also the mean of what their errors cost.
+    """
     if not claims:
         return []
     exact = fitted.exact
@@ -116,13 +128,17 @@ def _coefficient_doubt(
     # thirty draws on every fifth report
     drawn = [exact.theta + root @ rng.standard_normal(root.shape[1]) for _ in range(30)]
     changes = [
-        [response.linear(k, theta)[::5] for k in range(len(fitted.terms))] for theta in drawn
+        [response.linear(k, theta, response.reported[k + 1])[::5] for k in range(len(fitted.terms))]
+        for theta in (exact.theta, *drawn)
     ]
     residual = fitted.frame.residual[::5]
     out = []
     for claim in [*claims, [k for c in claims for k in c]]:
-        lengths = [np.hypot(*(residual - sum(change[k] for k in claim)).T) for change in changes]
-        out.append(float(np.std([length.mean() for length in lengths])) / KNOT)
+        fitted_best, *lengths = (
+            float(np.hypot(*(residual - sum(change[k] for k in claim)).T).mean()) / KNOT
+            for change in changes
+        )
+        out.append((float(np.std(lengths)), max(float(np.mean(lengths)) - fitted_best, 0.0)))
     return out
 
 

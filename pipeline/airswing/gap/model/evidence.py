@@ -204,7 +204,7 @@ def static_evidence(
     values = np.maximum(values, 1e-8 * max(float(values.max()), 1e-12))
     turned = np.einsum("aji,aj->ai", vectors, score)
 
-    small = usual**2 + np.broadcast_to(stats.remainder, aircraft)[:, None]
+    small = usual**2 + stats.usual + np.broadcast_to(stats.remainder, aircraft)[:, None]
 
     def integrated(variance: Floats) -> Gaussians:
         """Each aircraft with its individual part of these variances (..., A, 1) integrated."""
@@ -227,6 +227,7 @@ def static_evidence(
         out["f"] = ScopeEvidence(evidence, best, tuple(range(aircraft)), np.ones(aircraft))
     if "a" in scopes:
         able: Booleans = ~np.isin(np.arange(aircraft), having)
+        able &= np.trace(stats.information, axis1=1, axis2=2) > 0
         squared = scales[:, None, None] ** 2
         slab = integrated(squared + small)
         independent, gain = _best_sets(common, null, slab, add=np.zeros(1), able=able)
@@ -269,8 +270,12 @@ def dated_evidence(
     day_score = model.day_score[:, :, group.columns] @ group.transform
     information = _reverse_cumsum(by_day)
     shape = _unit_trace_shape(information)
+    # of the whole archive and of the days from each date on
+    cross = information.copy()
     for a in range(sums.A):
-        information[a] -= _explained_from_dates(model, group, a)
+        explained = _explained_from_dates(model, group, a)
+        cross[a] -= explained[0].T @ explained
+        information[a] -= np.swapaxes(explained, 1, 2) @ explained
     score = _reverse_cumsum(day_score)
     flown = sums.flown
     before = np.cumsum(flown, axis=1) - flown
@@ -280,16 +285,17 @@ def dated_evidence(
         nothing = ScopeEvidence(-np.inf, float(SCALES[0]), (), np.zeros(sums.A))
         return nothing, nothing
     statistics = model.with_usual(group, model.statistics(group))
-    ranked = _change_evidence(statistics, score, information, shape, able, kappa)
+    changes = (statistics, score, information, cross, shape, able)
+    ranked = _change_evidence(*changes, kappa)
     if ranked.evidence < least:
         return ranked, ranked
     factors = _factor_with_changes(ranked.start, day_score, by_day, statistics)
-    factor = max(kappa, float(np.mean(factors)))
-    return ranked, _change_evidence(statistics, score, information, shape, able, factor)
+    factor = max(kappa, float(np.nanmean(factors)))
+    return ranked, _change_evidence(*changes, factor)
 
 
 def _explained_from_dates(model: Model, group: Group, aircraft: int) -> Floats:
-    """W'W of the terms' module for columns in force from each stretch of days on, (T, m, m)."""
+    """W of the terms' module for columns in force from each stretch of days on, (T, w, m)."""
     sums, active = model.sums, model.by_aircraft[aircraft]
     span = sums.rows_of(aircraft)
     cuts = sums.cuts[aircraft * sums.D + np.r_[sums.first_day, sums.D]] - span.start
@@ -299,8 +305,7 @@ def _explained_from_dates(model: Model, group: Group, aircraft: int) -> Floats:
     )
     shared = sums.shared[aircraft][..., group.columns] @ group.transform
     cross -= sums.by_stretch(np.swapaxes(model.term_shared[..., active.at], 1, 2) @ shared, 0)
-    explained = active.root @ _reverse_cumsum(cross[None])[0]
-    return np.asarray(np.swapaxes(explained, 1, 2) @ explained)
+    return np.asarray(active.root @ _reverse_cumsum(cross[None])[0])
 
 
 def _reverse_cumsum(x: Floats) -> Floats:
@@ -346,19 +351,26 @@ def _change_evidence(
     stats: Statistics,
     score: Floats,
     information: Floats,
+    cross: Floats,
     shape: Floats,
     able: Booleans,
     kappa: float,
 ) -> ScopeEvidence:
+    """Evidence of changes with scores (A, T, m) and information (A, T, m, m) of later days.
+
+    ``cross`` (A, T, m, m) is the information shared by the whole archive and later days: it differs
+    from that of later days where terms in the model act on all.
+    """
     aircraft, days = able.shape
     m = score.shape[-1]
     variance, given_back = common_variance(stats)
     returned = given_back @ stats.score.sum(axis=0)
     total_score = (stats.score + stats.information @ returned) / kappa
-    score = (score + information @ returned) / kappa
+    crossed = np.swapaxes(cross, -1, -2) / kappa
+    score = score / kappa + crossed @ returned
     total, information = stats.information / kappa, information / kappa
     common, eye = _Common(variance), np.eye(m)
-    small = SMALL**2 + np.broadcast_to(stats.remainder, aircraft)
+    small = SMALL**2 + stats.usual + np.broadcast_to(stats.remainder, aircraft)
 
     def with_small(information: Floats, score: Floats) -> Gaussians:
         """The small undated part of each aircraft integrated; (A, ..., m, m), (A, ..., m)."""
@@ -378,8 +390,8 @@ def _change_evidence(
     separate, shared, by_scale = [], [], []
     for s in SCALES:
         slab = information + shape / s**2
-        turned = np.linalg.solve(slab, information)
-        rest = total[:, None] - information @ turned
+        turned = np.linalg.solve(slab, crossed)
+        rest = total[:, None] - np.swapaxes(crossed, -1, -2) @ turned
         linear = total_score[:, None] - np.einsum("adij,adi->adj", turned, score)
         change = 0.5 * (score * np.linalg.solve(slab, score[..., None])[..., 0]).sum(-1)
         change -= 0.5 * (np.linalg.slogdet(s**2 * slab)[1] - np.linalg.slogdet(shape)[1])

@@ -69,10 +69,11 @@ def slices(model: Model) -> list[SliceEntry]:
         if np.trace(information) <= 1e-9:
             continue
         # the lasting error of the reference counts as noise of the fleet's coefficients
-        variance, _ = common_variance(stats)
+        variance, given_back = common_variance(stats)
+        variance = variance - given_back + stats.fleet_inverse
         total_score = score.sum(axis=(0, 1))
         coefficients = stats.fleet_inverse @ total_score
-        spread = np.linalg.solve(variance + stats.fleet_inverse, coefficients)
+        spread = np.linalg.solve(variance, coefficients)
         p_value = float(chi2.sf(float(coefficients @ spread), coefficients.size))
         _, estimate = score_test(information, total_score, 1.0)
         energy = cross_fitted(information, score.sum(axis=0), half)

@@ -139,8 +139,8 @@ def _likeliest_exchange(fitted: Fitted, effects: Mapping[str, Effect]) -> Exchan
     steps = [g for g in groups if g.named and g.dated and g.size == 3]
     if not steps:
         return None
-    factor = fitted.model.statistics(steps[0]).factor
-    exchange = exchange_evidence(fitted.model, steps[0], max(1.0, float(np.mean(factor))))
+    factor = fitted.model.statistics(steps[0]).mean_factor
+    exchange = exchange_evidence(fitted.model, steps[0], max(1.0, factor))
     if exchange is None or exchange.evidence - np.log(2 * len(effects)) < GATE:
         return None
     return exchange if exchange.evidence > exchange.as_changes else None

@@ -66,7 +66,7 @@ def screen(model: Model, groups: Sequence[Group] | None = None) -> list[Term]:
             if gated.tails:
                 out.append(Term(group, "a", gated.tails, *fields, shape=gated.shape))
             continue
-        factor = max(model.kappa, float(np.mean(stats.factor)))
+        factor = max(model.kappa, stats.mean_factor)
         usual_too = model.with_usual(group, stats)
         out += _static_terms(model, group, usual_too, factor)
     return sorted(out, key=lambda term: -term.score)
@@ -370,7 +370,7 @@ def estimate_scales(model: Model) -> None:
     """
     groups = [g for g in model.sums.candidates.groups if g.named or g.form == (0,)]
     statistics = [(g, model.statistics(g)) for g in groups if not g.dated]
-    factors = [float(np.median(s.factor)) for _, s in statistics]
+    factors = [float(np.nanmedian(s.factor)) for _, s in statistics]
     model.kappa = max(1.0, float(np.median(factors))) if factors else 1.0
     if model.terms:
         model.usual = usual_sizes(statistics, model.kappa)
@@ -469,7 +469,7 @@ def _second_variable(model: Model, term: Term) -> str | None:
     number = np.log(2 * max(len(probes), 1))
     for name, group in probes:
         statistics = model.statistics(group)
-        factor = max(model.kappa, float(np.mean(statistics.factor)))
+        factor = max(model.kappa, statistics.mean_factor)
         evidence = static_evidence(statistics, factor, term.scope)[term.scope].evidence - number
         if evidence > best:
             best, variable = evidence, name

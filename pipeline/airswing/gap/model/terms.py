@@ -217,10 +217,16 @@ class Statistics:
     fleet_inverse: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     factor: Floats = field(default_factory=lambda: np.zeros(0))  # (A,): of single aircraft
     fleet_factor: float = 1.0
-    # variances, m2 s-2, of the lasting error of the reference, and, by aircraft, of the residual
-    # effect of terms in the model whose columns are inexact
+    # variances, m2 s-2: of the lasting error of the reference; of the error that all aircraft
+    # have; by aircraft, of the residual effect of terms in the model whose columns are inexact
     lasting: float = 0.0
+    usual: float = 0.0
     remainder: Floats | float = 0.0
+
+    @property
+    def mean_factor(self) -> float:
+        """Mean noise factor of the aircraft that have reports."""
+        return float(np.nanmean(self.factor))
 
 
 def log_evidence(gram: Floats, score: Floats, precision: Floats, kappa: float) -> float:
@@ -401,9 +407,8 @@ class Model:
         return replace(stats, lasting=self.lasting(group), remainder=self._remainder(group))
 
     def with_usual(self, group: Group, statistics: Statistics) -> Statistics:
-        """Statistics with m^2 of this archive added to the remainder."""
-        aircraft, _ = self.usual.get(group.quantity, (0.0, 0.0))
-        return replace(statistics, remainder=statistics.remainder + aircraft)
+        """Statistics with m^2 of this archive."""
+        return replace(statistics, usual=self.usual.get(group.quantity, (0.0, 0.0))[0])
 
     def lasting(self, group: Group) -> float:
         """L^2 of a candidate: the usual variance in this archive, at least `LASTING`, m2 s-2."""
@@ -427,9 +432,11 @@ class Model:
                 theta = theta.reshape(-1, term.group.size)
                 for j, a in enumerate(term.tails):
                     acting = np.abs(self.columns(term).rows[a][1]).sum(axis=1)
+                    if not acting.size:  # the aircraft has no reports
+                        continue
                     share = float((acting > 1e-3 * acting.max(initial=1e-12)).mean())
-                    size = float((theta[0 if term.scope == "f" else j] ** 2).sum())
-                    out[a] += missing * size * share
+                    square = float((theta[0 if term.scope == "f" else j] ** 2).mean())
+                    out[a] += missing * square * share
             self._remainders[group.quantity] = out
         return self._remainders[group.quantity]
 
@@ -474,7 +481,8 @@ def cluster_factor(
 
     ``score`` (A, D, m) is the residual of the fit of the aircraft, ``by_day`` the information by
     day, ``inverse`` (A, m, m) the inverse of the information given the terms. With the fit taking a
-    part of every block's score the factor is sum_d s_d' G^-1 s_d / (m - tr sum_d (G^-1 G_d)^2).
+    part of every block's score the factor is sum_d s_d' G^-1 s_d / (m - tr sum_d (G^-1 G_d)^2);
+    that of an aircraft without reports is not a number.
     """
     cuts = np.arange(0, score.shape[1], block)
     score = np.add.reduceat(score, cuts, axis=1)
@@ -485,4 +493,5 @@ def cluster_factor(
     taken = ((product[:, None] @ turned) * turned.swapaxes(-1, -2)).sum(axis=(1, 2, 3))
     free = np.trace(product, axis1=1, axis2=2)
     squared = ((score @ inverse) * score).sum(axis=(1, 2))
-    return np.asarray(squared / np.maximum(free - taken, 0.2 * free + 1e-12))
+    factor = squared / np.maximum(free - taken, 0.2 * free + 1e-12)
+    return np.asarray(np.where(np.trace(total, axis1=1, axis2=2) > 0, factor, np.nan))

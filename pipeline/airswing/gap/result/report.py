@@ -80,18 +80,22 @@ def assemble(
         steps.append(EffectClosureEntry(name, closes.reduction, closes.reduction_ci))
     value, low, high = _total(steps, closure)
     before, hidden = closure.before, could_hide(closure.before, frame.size)
-    total = closure.total.reduction if closure.total.reduction > 1e-6 else np.inf
+    total = value if value > 1e-6 else np.inf
     unnamed = [step for step in steps if step.name.startswith("unknown: ")]
     if not entries:
         # where nothing is stated the interval holds an error that could hide
         low, high = low - 0.25 * hidden, high + hidden
     named.sort(key=lambda entry: -entry.held_out_energy)
-    best = max((claim.gate for claim in claims), default=0.0)
+    gates = [claim.gate for claim in claims]
+    best = max([0.0, *gates, *(entry.evidence_nats or 0.0 for entry in unseen)])
     unknown = None
     if unnamed:
         closed = sum(step.reduction for step in unnamed)
-        half = float(np.sqrt(sum((s.reduction_ci[1] - s.reduction) ** 2 for s in unnamed)))
-        remaining, interval = before - (value - closed), [closed - half, closed + half]
+        below, above = (
+            float(np.sqrt(sum((s.reduction_ci[end] - s.reduction) ** 2 for s in unnamed)))
+            for end in (0, 1)
+        )
+        remaining, interval = before - (value - closed), [closed - below, closed + above]
         unknown = UnknownClosureEntry(remaining, remaining - closed, closed, interval)
     waterfall = [StepEntry("reports as they are", before, None)]
     for step in steps:
@@ -115,7 +119,7 @@ def assemble(
             after=before - value,
             ci=[before - high, before - low],
             fraction_of_excess=1.0 if value > 1e-6 else None,
-            held_out=is_held_out(sums.span),
+            held_out=is_held_out(sums.D),
             reduction=value,
             reduction_ci=[low, high],
             could_hide_kt=hidden,

@@ -96,6 +96,7 @@ class TailEntry:
 
     parameters: Mapping[str, Parameter]
     standard_errors: Mapping[str, Number] | None = field(default=None, metadata=LEFT_OUT)
+    period: Sequence[str | None] | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
 """From a fitted model to gap.json: names, unknowns, probabilities, closure.
 
-Terms of one name that act on the whole archive are one claim, whatever their scopes: the
-coefficients of an aircraft are the fleet's and its own. So are tables of one variable and
-component. The probability of a claim is ``1 / (1 + exp(-(c0 + c1 ln(1 + gate))))``, gate its log
-posterior odds with its own noise factor, times its posterior probability in the last contest.
+Terms of one name and form that act on the whole archive, or from the same dates on, are one claim,
+whatever their scopes: the coefficients of an aircraft are the fleet's and its own. So are tables of
+one variable and component. The probability of a claim is ``1 / (1 + exp(-(c0 + c1 ln(1 +
+gate))))``, gate its log posterior odds with its own noise factor, times its posterior probability
+in the last contest.
 """
 
 from __future__ import annotations
@@ -61,10 +62,11 @@ class Claim:
 
 def claims_of(terms: Sequence[Term]) -> list[Claim]:
     """Claims of the terms, names first, the largest evidence first."""
-    merged: dict[tuple[str, bool, int], list[int]] = {}
+    merged: dict[tuple[object, ...], list[int]] = {}
     for k, term in enumerate(terms):
-        basis = -1 if term.group.named else term.group.columns.start
-        key = (term.group.name, bool(term.start), basis)
+        group = term.group
+        form = group.form if group.named else group.columns.start
+        key = (group.name, form, tuple(sorted(term.start.items())))
         merged.setdefault(key, []).append(k)
     out = [
         Claim(
@@ -163,8 +165,8 @@ def effect_entry(
     scales = np.asarray(effect.column_scales, float)
     frame = fitted.frame
     stated = []
-    for value, error in zip(values, errors, strict=True):
-        start = _start(fitted, first)
+    for a, value, error in zip(tails, values, errors, strict=True):
+        start = _start(fitted, first, a)
         counted = frame if start is None else replace(frame, epoch=start)
         coefficient, spread = value * scales, error * np.outer(scales, scales)
         if effect.kind == "drift" and start is not None:
@@ -176,7 +178,10 @@ def effect_entry(
         if fleet:
             break
     names = [frame.tails[a] for a in tails]
-    per_tail = {t: TailEntry(p, e) for t, (p, e) in zip(names, stated, strict=False)}
+    per_tail = {
+        frame.tails[a]: TailEntry(p, e, _period(fitted, first, a))
+        for a, (p, e) in zip(tails, stated, strict=False)
+    }
     rivals = _rivals(terms, fitted.model.kappa)
     size = np.concatenate([_sizes(fitted, k) for k in claim.terms])
     return EffectEntry(
@@ -204,7 +209,7 @@ def _sizes(fitted: Fitted, k: int) -> Floats:
     theta = fitted.exact.theta[model.offsets[k + 1] : model.offsets[k + 2]]
     theta = theta.reshape(-1, term.group.size)
     # the transform makes an effect of 1 m/s rms of a coefficient vector of length root m
-    return np.asarray(np.sqrt((theta**2).sum(axis=1)))
+    return np.asarray(np.sqrt((theta**2).mean(axis=1)))
 
 
 def _rivals(terms: Sequence[Term], kappa: float) -> list[RivalEntry]:
@@ -221,16 +226,17 @@ def _rivals(terms: Sequence[Term], kappa: float) -> list[RivalEntry]:
     ]
 
 
-def _start(fitted: Fitted, term: Term) -> float | None:
-    """First second a dated term is in force."""
+def _start(fitted: Fitted, term: Term, aircraft: int | None = None) -> float | None:
+    """First second a dated term is in force, on one of its aircraft or on any."""
     if not term.start:
         return None
     sums = fitted.model.sums
-    return float(sums.days[min(term.start.values())]) * DAY + sums.ends
+    first = min(term.start.values()) if aircraft is None else term.start[aircraft]
+    return float(sums.days[first]) * DAY + sums.ends
 
 
-def _period(fitted: Fitted, term: Term) -> list[str | None] | None:
-    start = _start(fitted, term)
+def _period(fitted: Fitted, term: Term, aircraft: int | None = None) -> list[str | None] | None:
+    start = _start(fitted, term, aircraft)
     if start is None:
         return None
     # the day that holds most of it

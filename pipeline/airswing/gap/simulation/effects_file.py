@@ -248,8 +248,12 @@ def _of_effect(effect: EffectEntry, reference: str | None) -> list[dict[str, obj
     against_all = (effect.by_reference or {}).get(reference or "", effect)
     entry = {"name": effect.name, "period": effect.period}
     if effect.per_tail:
-        items = effect.per_tail.items()
-        return [entry | {"tails": tail, "parameters": row.parameters} for tail, row in items]
+        return [
+            entry
+            | {"tails": tail, "parameters": row.parameters}
+            | ({"period": row.period} if row.period else {})
+            for tail, row in effect.per_tail.items()
+        ]
     return [entry | {"tails": who, "parameters": against_all.parameters}]
 
 

@@ -275,7 +275,7 @@ def _statistics_section(gap: GapReport, drawn: _Drawn) -> html.Section:
         ends = drawn_at_random.reduction_ci_kt
         closes = amount(drawn_at_random.reduction_kt, ends, unit="kt")
         placebo = (
-            f"Placebo: effects with the same columns but random dates and aircraft close {closes} "
+            f"Placebo: one cycle of the heading of other flights closes {closes} "
             f"({drawn_at_random.draws} draws)."
         )
     noise = gap.noise
