@@ -175,6 +175,43 @@ def test_the_gain_by_hand_and_its_fall_by_the_optimism_of_an_uncertain_curve():
     assert drawn.std() > 0.1
 
 
+def test_coefficients_that_were_not_fitted_cost_no_gain(ranked):
+    """A second cycle that is published as zero has a variance, but not from sampling."""
+    fits = fit_deviation(ranked[0], joint=False).isel(reference=[0])
+    wider = fits["deviation_covariance"] + np.diag([0.0, 0.0, 0.0, 1.0, 1.0])
+    one, two = (
+        {entry["aircraft"]: entry for entry in rank_aircraft(ranked[0], each, **AGAINST)}
+        for each in (fits, fits.assign(deviation_covariance=wider))
+    )
+    single = fits["aircraft"].to_numpy()[fits["harmonics"].to_numpy()[0] == 1]
+    assert single.size >= 2
+    for name in single:
+        assert one[name]["expected_gain_ci_kt"] == two[name]["expected_gain_ci_kt"]
+
+
+def test_the_gain_of_a_constant_is_reduced_by_its_sampling_error_only():
+    """Two opposite headings: of a curve only the constant is fitted, and its cycles persist."""
+    entries = []
+    for seed in range(3):
+        curves = np.tile([3.0, 1.5, 0.0, 0.0, 0.0], (4, 1))
+        ds = flown(curves, Setting(aircraft=4, days=50), seed)
+        away = np.abs((ds["magnetic_heading"] - 75.0 + 90.0) % 180.0 - 90.0) > 20.0
+        ds["screening"] = (8 * away).astype(np.int32)
+        test = virtual_field_test(ds, learned_until=UNTIL, draws=300, **QUICK)
+        entries += test["by_aircraft"]
+    assert len(entries) == 12
+    predicted, error, difference = (
+        np.array([entry[f"{name}_kt"] for entry in entries])
+        for name in ("predicted_gain", "predicted_standard_error", "difference")
+    )
+    # 3 degrees at 110 m/s are 11 kt; the noise and the cycle of 1.5 degrees remain
+    assert predicted.min() > 0.0 and error.max() < 2.5
+    width = np.array([np.ptp(entry["difference_ci_kt"]) for entry in entries])
+    scores = difference / (width / 3.92)
+    # 12 standard scores: the mean within 3 / sqrt(12)
+    assert abs(scores.mean()) < 0.87 and np.abs(scores).max() < 3.5
+
+
 def test_the_worst_compass_comes_first_and_a_good_one_gains_nothing(ranked):
     _, ranking = ranked
     assert [entry["aircraft"] for entry in ranking] == ["N000", "N002", "N003", "N001"]

@@ -3,8 +3,10 @@
 *Expected gain.* The reduction of the mean wind vector disagreement. On the reports of the fit it is
 too large: a curve with error variance s^2 in the wind reduces the residual variance it was fitted
 to by s^2 and adds s^2 to any other. That optimism (Efron 2004, J. Amer. Stat. Assoc. 99, 619-632)
-is subtracted, to first order. The interval contains the covariance of the coefficients and, days
-being the independent units, the scatter of the headings and errors between days.
+is subtracted, to first order: 2 s^2 pi / (8 |e|) from the mean residual |e|, s^2 from the sampling
+errors of the coefficients that were fitted (:func:`sampling_covariance`). The interval contains
+their covariance and, days being the independent units, the scatter of the headings and errors
+between days.
 
 *Realised gain.* Reports are held out by date (the virtual field test) or by day (cross-validation:
 every tenth day in turn, with coefficients less the effect of the equations of these days). The same
@@ -71,9 +73,9 @@ def expected_gain(
 
     For the reports of the fit, ``wind`` and ``reference`` are (2, n), eastward and northward, m/s;
     ``heading`` (indicated true) and ``argument`` of the deviation (n,) in radians; ``deviation``
-    (5,) and ``covariance`` (5, 5) in degrees. Returns the mean disagreement as reported, the
-    expected reduction with the optimism subtracted, and the gain under draws of the coefficients
-    and days (draws,), all m/s; infinite spread with one day.
+    (5,) and ``covariance`` (5, 5) of its sampling errors in degrees. Returns the mean disagreement
+    as reported, the expected reduction with the optimism subtracted, and the gain under draws of
+    the coefficients and days (draws,), all m/s; infinite spread with one day.
     """
     basis = np.radians(deviation_basis(argument).T)
     fitted = basis @ deviation
@@ -104,6 +106,28 @@ def expected_gain(
     # the optimism is an expectation: its standard error for this curve is taken as half of it
     wide = np.hypot(by_day, optimism / 2.0) if np.isfinite(by_day) else np.inf
     return float(lengths[0].mean()), gain, gain + drawn - drawn.mean() + wide * sampled
+
+
+def sampling_covariance(fit: xr.Dataset) -> Floats:
+    """Covariance (5, 5) of the sampling errors of the fit of one aircraft, degree2.
+
+    Coefficients that are published as zero were not fitted and have none. The published variance of
+    a constant (``offset_only``) contains those of cycles and of the reference's bias too, which are
+    the same in later reports; its sampling variance is that of a jackknife over the parts of the
+    days (Tukey 1958, Ann. Math. Stat. 29, 614). Where one part has most days, as in a single day,
+    it is that of ``offset_standard_error``.
+    """
+    names = ("deviation", "deviation_covariance", "held_out_deviation")
+    deviation, covariance, held_out = (fit[name].to_numpy() for name in names)
+    fitted = deviation != 0.0
+    covariance = covariance * np.outer(fitted, fitted)
+    if int(fit["status"]) == STATUS["offset_only"]:
+        change = held_out[:, 0] - deviation[0]
+        # parts without reports do not change the constant
+        variance = (1.0 - 1.0 / max(np.count_nonzero(change), 1)) * float(change @ change)
+        stated = float(fit["offset_standard_error"]) ** 2
+        covariance[0, 0] = variance if variance > 0.0 else stated
+    return np.asarray(covariance, dtype=np.float64)
 
 
 def rank_aircraft(
@@ -183,7 +207,7 @@ def rank_aircraft(
                 airspeed[rows],
                 chunk.day[rows],
                 fit["deviation"].to_numpy()[number],
-                fit["deviation_covariance"].to_numpy()[number],
+                sampling_covariance(fit.isel(aircraft=number)),
                 seed=seed + number,
             )
             ends = spread / KNOT if np.isfinite(spread).all() else np.full(DRAWS, np.nan)
