@@ -59,17 +59,17 @@ def fly(deviation, setting, seed):
     bias = np.array(s.bias) + s.bias_spread * rng.normal(size=(s.references, s.aircraft, 2))
     scale = s.scale_spread * rng.normal(size=s.aircraft)
     leg = np.minimum((np.arange(s.reports_a_flight) * s.legs) // s.reports_a_flight, s.legs - 1)
-    first = rng.uniform(0, 360, flights)
+    first_leg = rng.uniform(0, 360, flights)
     if s.hub_and_spoke:
-        first = rng.choice([70.0, 250.0], flights) + rng.normal(0, 12, flights)
+        first_leg = rng.choice([70.0, 250.0], flights) + rng.normal(0, 12, flights)
     turns = np.cumsum(rng.normal(0, 25, (*flights, s.legs)), axis=-1)
-    true = first[..., np.newaxis] + turns[..., leg] + rng.normal(0, 2, n)
+    true = first_leg[..., np.newaxis] + turns[..., leg] + rng.normal(0, 2, n)
     declination = rng.normal(-3, 3, flights)[..., np.newaxis] * np.ones(n)
     magnetic = (true - declination).reshape(s.aircraft, s.days, -1)
-    shown, deviation = magnetic, np.asarray(deviation)
+    indicated, deviation = magnetic, np.asarray(deviation)
     by_day = deviation if deviation.ndim == 3 else deviation[:, np.newaxis]
     for _ in range(60):
-        shown = magnetic + curve(by_day, shown)
+        indicated = magnetic + curve(by_day, indicated)
     wind = (
         np.array([12.0, 3.0])
         + rng.normal(0, 8, (1, s.days, 1, 1, 2))
@@ -78,8 +78,8 @@ def fly(deviation, setting, seed):
     )
     tas = s.airspeed + rng.normal(0, 4, n)
     ground = tas[..., np.newaxis] * _unit(true) + wind
-    felt = (tas * (1 + scale[:, None, None, None]))[..., np.newaxis]
-    reported = ground - felt * _unit(shown.reshape(n) + declination)
+    sensed_air = (tas * (1 + scale[:, None, None, None]))[..., np.newaxis]
+    reported = ground - sensed_air * _unit(indicated.reshape(n) + declination)
     wrong = rng.random(n) < s.outliers
     reported = s.wind_factor * np.where(wrong[..., np.newaxis], -reported, reported)
     model = np.empty((s.references, *n, 2))
@@ -91,9 +91,9 @@ def fly(deviation, setting, seed):
             + s.flight_error * rng.normal(size=(*flights, 1, 2))
             + s.noise * rng.normal(size=(*n, 2))
         )
-    seen = (ground + s.ground_error * rng.normal(size=(*n, 2))).reshape(reports, 2)
+    measured_ground = (ground + s.ground_error * rng.normal(size=(*n, 2))).reshape(reports, 2)
     reported, model = reported.reshape(reports, 2), model.reshape(s.references, reports, 2)
-    air, implied = seen - reported, seen - model
+    air, implied = measured_ground - reported, measured_ground - model
     airspeed, heading = np.hypot(*air.T), _degrees(air)
     day = np.arange(s.days)[:, None, None] * np.timedelta64(1, "D")
     minute = np.linspace(1, 22, s.flights_a_day)[:, None] * 60 + np.arange(s.reports_a_flight) * 3
@@ -142,5 +142,5 @@ def fleet_deviations(aircraft, rng, *, two_cycles=0.7, amplitude=6.0):
     """Deviations of a fleet: offset, one cycle up to ``amplitude``, two cycles of that spread."""
     offset = rng.normal(0, 1.0, aircraft)
     size, phase = rng.uniform(0.5, amplitude, aircraft), rng.uniform(0, 2 * np.pi, aircraft)
-    second = two_cycles * rng.normal(size=(2, aircraft))
-    return np.stack([offset, size * np.cos(phase), size * np.sin(phase), *second], axis=-1)
+    two_cycle_terms = two_cycles * rng.normal(size=(2, aircraft))
+    return np.stack([offset, size * np.cos(phase), size * np.sin(phase), *two_cycle_terms], axis=-1)

@@ -130,10 +130,10 @@ def test_the_csv_file_has_every_node_and_refused_fits(tmp_path):
     # A, C and E at north: sqrt(3) of 0.1
     assert rows[0]["standard_error_deg"] == "0.173"
     shared = {"reference": "ruc", "sign": "subtract_error"}
-    first = shared | {"aircraft": "N0", "status": "ok"}
-    second = shared | {"aircraft": "N1", "status": "implausible_reports"}
-    second |= dict.fromkeys(("table_correction_deg", "standard_error_deg"), "")
-    for row, expected in zip(rows, [first] * 8 + [second] * 8, strict=True):
+    fitted = shared | {"aircraft": "N0", "status": "ok"}
+    refused = shared | {"aircraft": "N1", "status": "implausible_reports"}
+    refused |= dict.fromkeys(("table_correction_deg", "standard_error_deg"), "")
+    for row, expected in zip(rows, [fitted] * 8 + [refused] * 8, strict=True):
         assert row.items() >= expected.items()
 
 
@@ -148,9 +148,9 @@ def fleet():
 def test_correction_undoes_a_deviation(error, true, speed, wind):
     # fly at a true heading, report along the deviated one, correct: the wind is back
     ground = speed * np.array([np.sin(np.radians(true)), np.cos(np.radians(true))]) + [wind, -wind]
-    shown = np.radians(true + error)
-    reported = ground - speed * np.array([np.sin(shown), np.cos(shown)])
-    result = corrected_wind(*reported, speed, shown, np.radians(error))
+    indicated = np.radians(true + error)
+    reported = ground - speed * np.array([np.sin(indicated), np.cos(indicated)])
+    result = corrected_wind(*reported, speed, indicated, np.radians(error))
     assert np.allclose(result, [wind, -wind], atol=1e-9)
 
 
@@ -159,15 +159,15 @@ def test_corrected_wind_is_near_the_truth(fleet, method):
     headings, truth, fits = fleet
     size = int(headings["row_size"][0])
 
-    def off(ds, name):
+    def rms_error(ds, name):
         wind = np.stack([ds[f"{name}eastward_wind"], ds[f"{name}northward_wind"]], -1)
         miss = np.hypot(*(wind - truth["true_wind"]).T).reshape(3, size)
         return np.sqrt(np.mean(miss**2, axis=1))
 
     options = ({"method": method, "apply_airspeed_scale": scaling} for scaling in (False, True))
     done, scaled = (correct(headings, fits, **option) for option in options)
-    assert (off(done, "corrected_") < 0.6 * off(headings, "")).all()
-    assert (off(scaled, "corrected_") < 0.15 * off(headings, "")).all()
+    assert (rms_error(done, "corrected_") < 0.6 * rms_error(headings, "")).all()
+    assert (rms_error(scaled, "corrected_") < 0.15 * rms_error(headings, "")).all()
     assert np.all(done["correction_applied"] == CORRECTION["corrected"])
     assert np.abs(wrap(done["corrected_heading"] - headings["heading"])).max() < 15
 
@@ -192,10 +192,10 @@ def test_every_report_of_a_fitted_aircraft_and_no_other(fleet):
     assert np.all(np.delete(flag[:size], [5, 6]) == CORRECTION["corrected"])
     assert np.all(flag[size : 2 * size] == CORRECTION["no_fit"])
     assert np.all(flag[2 * size :] == CORRECTION["no_correction_needed"])
-    same = slice(size, None)
+    unchanged = slice(size, None)
     for name in ("eastward_wind", "northward_wind", "heading"):
-        assert np.array_equal(done[f"corrected_{name}"][same], headings[name][same])
-    assert np.isnan(done["corrected_wind_standard_error"][same]).all()
+        assert np.array_equal(done[f"corrected_{name}"][unchanged], headings[name][unchanged])
+    assert np.isnan(done["corrected_wind_standard_error"][unchanged]).all()
     tables = add_tables(fits, headings)["table_correction"]
     assert (tables[0, 2] == 0).all() and (tables[0, 0] != 0).any()
     assert np.isnan(done["corrected_eastward_wind"][6])
@@ -215,24 +215,24 @@ def test_the_curve_s_one_cycle_grows_where_the_field_is_weak(fleet):
     default = correct(headings, fits)
     headings["horizontal_field"] = ("report", field)
     done = correct(headings, fits, method="curve")
-    turned = wrap(headings["heading"] - done["corrected_heading"]).to_numpy()[:4]
+    turns = wrap(headings["heading"] - done["corrected_heading"]).to_numpy()[:4]
     # A + g B - E at 090; A + g C + E at 000
-    assert turned == pytest.approx([0.5 + 4 - 2, 0.5 - 0.8 + 2, 0.5 + 3 - 2, 0.5 + 3 - 2], abs=1e-3)
+    assert turns == pytest.approx([0.5 + 4 - 2, 0.5 - 0.8 + 2, 0.5 + 3 - 2, 0.5 + 3 - 2], abs=1e-3)
     error = np.degrees(done["corrected_wind_standard_error"] / headings["airspeed"]).to_numpy()[:4]
     at_mean_error = np.sqrt([0.01 + 0.04 + 0.25, 0.01 + 0.09 + 0.25])
-    weak, strong = (np.sqrt(0.01 + part + 0.25) for part in (0.04 * 16 / 9, 0.09 * 0.64))
+    weak, strong = (np.sqrt(0.01 + one_cycle + 0.25) for one_cycle in (0.04 * 16 / 9, 0.09 * 0.64))
     assert error == pytest.approx([weak, strong, at_mean_error[0], at_mean_error[0]], rel=1e-4)
     stated = "corrected_wind_standard_error"
     by_table = correct(headings, fits)  # one table for all fields; its error says so
     xr.testing.assert_identical(by_table.drop_vars(stated), default.drop_vars(stated))
     # A + B sin m + C cos m + ... of the field there, less the table: known, and stated
     table = wrap(headings["heading"] - by_table["corrected_heading"]).to_numpy()[:2]
-    here, at_mean = np.array([2.5, 1.7]) - table, np.array([1.5, 1.5]) - table
-    more = np.radians(here) ** 2 - np.radians(at_mean) ** 2
-    added = (by_table[stated] ** 2 - default[stated] ** 2).to_numpy()[:2]
+    table_error, table_error_at_mean = np.array([2.5, 1.7]) - table, np.array([1.5, 1.5]) - table
+    table_variance = np.radians(table_error) ** 2 - np.radians(table_error_at_mean) ** 2
+    added_variance = (by_table[stated] ** 2 - default[stated] ** 2).to_numpy()[:2]
     variance = np.radians([weak, strong]) ** 2 - np.radians(at_mean_error) ** 2
-    expected = headings["airspeed"].to_numpy()[:2] ** 2 * (more + variance)
-    assert added == pytest.approx(expected, rel=2e-3)
+    expected = headings["airspeed"].to_numpy()[:2] ** 2 * (table_variance + variance)
+    assert added_variance == pytest.approx(expected, rel=2e-3)
 
 
 @pytest.mark.parametrize(

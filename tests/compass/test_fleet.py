@@ -22,10 +22,10 @@ def fleet_blocks(aircraft, days, seed, *, field=0.5, middle=-87.0, reach=(5.0, 3
     segments = 40_000 + np.repeat(np.arange(4 * days), 2)
     n = segments.size
     phase = np.random.default_rng([seed, 9]).uniform(0, 2 * np.pi, (2, 4 * days))
-    found = []
+    fleet = []
     for number in range(aircraft):
         rng = np.random.default_rng([seed, number])
-        east, north = (rng.uniform(-one, one, n) for one in reach)
+        east, north = (rng.uniform(-half_width, half_width, n) for half_width in reach)
         heading = rng.uniform(0, 2 * np.pi, n)
         sums = np.zeros((15, n))
         sums[0] = rng.uniform(3, 8, n)
@@ -37,17 +37,17 @@ def fleet_blocks(aircraft, days, seed, *, field=0.5, middle=-87.0, reach=(5.0, 3
         sums[1:] *= sums[0]
         places = 42.5 + north, wrap(middle + east), np.log(rng.uniform(3e4, 9e4, n))
         numbers = segments.astype(np.int32), (np.arange(n) // 2).astype(np.int32)
-        found.append(Blocks(sums.astype(np.float32), 8.0 * n, 8.0 * n, *places, *numbers))
-    return found
+        fleet.append(Blocks(sums.astype(np.float32), 8.0 * n, 8.0 * n, *places, *numbers))
+    return fleet
 
 
-def dense(one):
+def dense(reference):
     """Newton matrix and score of one reference, from the covariance of its blocks' means."""
-    stretch, variances = one.sample.stretch, one.variances
-    size, blocks = AIRCRAFT * 6 + one.size, stretch.weight.size
+    stretch, variances = reference.sample.stretch, reference.variances
+    size, blocks = AIRCRAFT * 6 + reference.size, stretch.weight.size
     passing, lasting = stretch.passing_design.toarray(), stretch.lasting_design.toarray()
-    same = stretch.piece[:, np.newaxis] == stretch.piece
-    covariance = variances.passing * passing @ passing.T + variances.piece * same
+    same_piece = stretch.piece[:, np.newaxis] == stretch.piece
+    covariance = variances.passing * passing @ passing.T + variances.piece * same_piece
     covariance += np.diag(variances.white[stretch.aircraft] / stretch.weight + variances.block)
     design = np.zeros((2, blocks, size))
     for c in range(2):
@@ -55,11 +55,11 @@ def dense(one):
             a = stretch.aircraft[k]
             design[c, k, 6 * a : 6 * a + 6] = stretch.slopes[c, :, k]
             design[c, k, AIRCRAFT * 6 + 2 * a + c] = 1.0
-        begin = AIRCRAFT * 8 + c * one.functions
-        design[c, :, begin : begin + one.functions] = lasting
-    weighted = [np.linalg.solve(covariance, part) for part in design]
-    newton = sum(part.T @ other for part, other in zip(design, weighted, strict=True))
-    score = sum(part.T @ r for part, r in zip(weighted, stretch.residual, strict=True))
+        begin = AIRCRAFT * 8 + c * reference.functions
+        design[c, :, begin : begin + reference.functions] = lasting
+    weighted = [np.linalg.solve(covariance, columns) for columns in design]
+    newton = sum(columns.T @ solved for columns, solved in zip(design, weighted, strict=True))
+    score = sum(columns.T @ r for columns, r in zip(weighted, stretch.residual, strict=True))
     return newton, score
 
 
@@ -70,13 +70,13 @@ def spread_of(fit):
 @pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_both_inverses_are_that_of_the_dense_matrix(count):
     days = 40_000 + 4 * np.arange(6)
-    every = [Reference(fleet_blocks(AIRCRAFT, 6, seed), FREE, days) for seed in range(count)]
-    equations = Equations(every, FREE)
+    references = [Reference(fleet_blocks(AIRCRAFT, 6, seed), FREE, days) for seed in range(count)]
+    equations = Equations(references, FREE)
     newton = np.zeros((equations.size, equations.size))
     right = np.zeros(equations.size)
-    for one, place in zip(every, equations.places, strict=True):
-        part, score = dense(one)
-        newton[np.ix_(place, place)] += part
+    for reference, place in zip(references, equations.places, strict=True):
+        matrix, score = dense(reference)
+        newton[np.ix_(place, place)] += matrix
         right[place] += score
     fixed = np.flatnonzero(~FREE.ravel())
     newton[fixed, fixed] = newton.max()
@@ -84,45 +84,45 @@ def test_both_inverses_are_that_of_the_dense_matrix(count):
     for inverse in (ExactInverse(equations, right), IterativeInverse(equations, right)):
         covariance = np.linalg.inv(newton + np.diag(inverse.prior))
         free = np.sqrt(np.diagonal(covariance))[: FREE.size][FREE.ravel()]
-        apart = (inverse.solve(right) - covariance @ right)[: FREE.size][FREE.ravel()]
-        assert np.abs(apart / free).max() < 1e-3
+        difference = (inverse.solve(right) - covariance @ right)[: FREE.size][FREE.ravel()]
+        assert np.abs(difference / free).max() < 1e-3
         squares = ((covariance @ columns) ** 2).sum(axis=1)[: FREE.size]
         np.testing.assert_allclose(
             inverse.squares(columns).ravel()[FREE.ravel()], squares[FREE.ravel()], rtol=1e-2
         )
         exact = [covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(AIRCRAFT)]
         exact = np.sqrt(np.diagonal(exact, axis1=1, axis2=2))
-        found = np.sqrt(np.diagonal(inverse.covariances(), axis1=1, axis2=2))
+        errors = np.sqrt(np.diagonal(inverse.covariances(), axis1=1, axis2=2))
         tolerance = 1e-6 if isinstance(inverse, ExactInverse) else 0.05
-        np.testing.assert_allclose(found[FREE], exact[FREE], rtol=tolerance)
+        np.testing.assert_allclose(errors[FREE], exact[FREE], rtol=tolerance)
 
 
 def test_a_large_fleet_is_solved_as_a_small_one_and_repeats(monkeypatch):
-    blocks = [[one] for one in fleet_blocks(30, 4, 0, field=1.0)]
-    every = np.ones((30, 6), dtype=bool)
-    found = []
+    blocks = [[aircraft] for aircraft in fleet_blocks(30, 4, 0, field=1.0)]
+    free = np.ones((30, 6), dtype=bool)
+    solutions = []
     for most in (10_000, 0, 0):
         monkeypatch.setattr(solution, "MOST_EXACT", most)
-        found.append(solve_fleet(blocks, every))
-    exact, iterated, again = found
+        solutions.append(solve_fleet(blocks, free))
+    exact, iterated, repeated = solutions
     assert np.abs((iterated.step - exact.step) / spread_of(exact)).max() < 0.05
     np.testing.assert_allclose(spread_of(iterated), spread_of(exact), rtol=0.03)
     np.testing.assert_allclose(iterated.bias, exact.bias, atol=0.02)
     np.testing.assert_allclose(iterated.bias_covariance, exact.bias_covariance, rtol=0.1)
-    np.testing.assert_array_equal(again.step, iterated.step)
-    np.testing.assert_array_equal(again.covariance, iterated.covariance)
+    np.testing.assert_array_equal(repeated.step, iterated.step)
+    np.testing.assert_array_equal(repeated.covariance, iterated.covariance)
 
 
 def test_the_date_line_changes_nothing_in_a_field_of_regions(monkeypatch):
     monkeypatch.setattr("airswing.compass.fleet.field.MOST_NODES", 4)
-    every = np.ones((AIRCRAFT, 6), dtype=bool)
-    here, there = (
-        solve_fleet([[one] for one in fleet_blocks(AIRCRAFT, 6, 0, middle=middle)], every)
+    free = np.ones((AIRCRAFT, 6), dtype=bool)
+    america, pacific = (
+        solve_fleet([[aircraft] for aircraft in fleet_blocks(AIRCRAFT, 6, 0, middle=middle)], free)
         for middle in (-87.0, 179.0)
     )
-    assert np.abs((there.step - here.step) / spread_of(here)).max() < 1e-4
-    np.testing.assert_allclose(there.covariance, here.covariance, rtol=1e-4, atol=1e-12)
-    assert here.regions == 9
+    assert np.abs((pacific.step - america.step) / spread_of(america)).max() < 1e-4
+    np.testing.assert_allclose(pacific.covariance, america.covariance, rtol=1e-4, atol=1e-12)
+    assert america.regions == 9
 
 
 def errors(seed, **options):
@@ -137,8 +137,8 @@ def errors(seed, **options):
 
 def test_the_shared_error_is_removed_and_intervals_hold():
     with_field = [errors(seed) for seed in range(5)]
-    without = [errors(seed, shared_error=False) for seed in range(5)]
-    rms = [np.sqrt(np.nanmean([e**2 for e, _ in runs])) for runs in (with_field, without)]
+    without_field = [errors(seed, shared_error=False) for seed in range(5)]
+    rms = [np.sqrt(np.nanmean([e**2 for e, _ in runs])) for runs in (with_field, without_field)]
     assert rms[0] < 0.85 * rms[1]
     score = np.concatenate([(e / s).ravel() for e, s in with_field])
     score = score[np.isfinite(score)]
@@ -149,25 +149,25 @@ def test_the_shared_error_is_removed_and_intervals_hold():
 def test_a_fleet_summed_in_parts_gives_the_same_fits():
     setting = Setting(aircraft=5, days=15)
     ds, _ = fly(fleet_deviations(5, np.random.default_rng(6)), setting, 6)
-    whole = fit_deviation(ds)
+    fits = fit_deviation(ds)
     size = int(ds["row_size"][0])
     parts = [
         sum_aircraft(ds.isel(aircraft=slice(a, b), report=slice(a * size, b * size)))
         for a, b in ((0, 2), (2, 3), (3, 5))
     ]
-    assert fit_sums(xr.concat(parts, "aircraft")).identical(whole)
+    assert fit_sums(xr.concat(parts, "aircraft")).identical(fits)
 
 
 def test_regions_lose_little_of_the_information(monkeypatch):
     """A hemisphere whole and in regions; the aircraft have no deviation."""
-    every = np.ones((30, 6), dtype=bool)
-    blocks = [[one] for one in fleet_blocks(30, 12, 1, field=1.5, middle=179.0, reach=(60.0, 30.0))]
-    found = {}
+    free = np.ones((30, 6), dtype=bool)
+    blocks = [[b] for b in fleet_blocks(30, 12, 1, field=1.5, middle=179.0, reach=(60.0, 30.0))]
+    solutions = {}
     for most in (10_000, 150):
         monkeypatch.setattr("airswing.compass.fleet.field.MOST_NODES", most)
-        found[most] = solve_fleet(blocks, every)
-    whole, parts = found[10_000], found[150]
-    assert (whole.regions, parts.regions > 4) == (1, True)
-    assert np.abs((whole.step - parts.step) / spread_of(whole)).max() < 0.5
-    assert np.mean(spread_of(parts) / spread_of(whole)) == pytest.approx(1.0, abs=0.05)
-    assert np.std(parts.step / spread_of(parts)) == pytest.approx(1.0, abs=0.15)
+        solutions[most] = solve_fleet(blocks, free)
+    single_region, by_region = solutions[10_000], solutions[150]
+    assert (single_region.regions, by_region.regions > 4) == (1, True)
+    assert np.abs((single_region.step - by_region.step) / spread_of(single_region)).max() < 0.5
+    assert np.mean(spread_of(by_region) / spread_of(single_region)) == pytest.approx(1.0, abs=0.05)
+    assert np.std(by_region.step / spread_of(by_region)) == pytest.approx(1.0, abs=0.15)

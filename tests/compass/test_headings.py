@@ -47,25 +47,25 @@ def flown(*, flights=16, fixes=9, aircraft=2, airspeed_scale=1.0, position=0.0, 
     seconds = np.cumsum(165.0 * rng.uniform(0.8, 1.2, (total, fixes)), axis=1)
     speed = rng.uniform(110.0, 150.0, (total, 1)) * np.ones(fixes)
     start = np.repeat(np.linspace(0.0, 360.0, total, endpoint=False), fixes)
-    first = (np.repeat(rng.uniform(*ends, total), fixes) for ends in ((-100, -80), (32, 46)))
-    lon, lat, back = map(np.asarray, GEOD.fwd(*first, start, (speed * seconds).ravel()))
-    track = np.radians(back + 180.0)
+    places = (np.repeat(rng.uniform(*ends, total), fixes) for ends in ((-100, -80), (32, 46)))
+    lon, lat, back_azimuth = map(np.asarray, GEOD.fwd(*places, start, (speed * seconds).ravel()))
+    track = np.radians(back_azimuth + 180.0)
     ground = vector_from_bearing(speed.ravel(), track)
     air = air_vector(*ground, *WIND)
     heading, airspeed = np.degrees(bearing(*air)), speed_of_vector(*air)
     epoch = np.datetime64("2009-03-14T12:00", "ns")
     since = (seconds + 86400.0 * np.arange(total)[:, np.newaxis]).ravel()
-    e, n, _ = (part[0] for part in ppigrf.igrf(lon, lat, 9.0, pd.Timestamp("2009-03-20")))
+    e, n, _ = (component[0] for component in ppigrf.igrf(lon, lat, 9.0, pd.Timestamp("2009-03-20")))
     true_error = deviation(heading - np.degrees(np.arctan2(e, n)))
     unit_heading, unit_airspeed = heading + true_error, airspeed * airspeed_scale
     wind = wind_from_triangle(*ground, unit_airspeed, np.radians(unit_heading))
 
-    def coded(values, step, how=np.round):
-        return values if step == 0.0 else how(values / step) * step
+    def coded(values, step, rounding=np.round):
+        return values if step == 0.0 else rounding(values / step) * step
 
-    seen = coded(since, tick, np.floor)
+    coded_seconds = coded(since, tick, np.floor)
     columns = {
-        "time": epoch + np.round(seen * 1e9).astype("timedelta64[ns]"),
+        "time": epoch + np.round(coded_seconds * 1e9).astype("timedelta64[ns]"),
         "latitude": coded(lat, position),
         "longitude": coded(lon, position),
         "pressure": np.full(lat.size, 30742.0),
@@ -95,7 +95,7 @@ def model(reports, *, noise=0.0, names=("ruc",)):
     """The true wind plus noise, as collocated winds."""
     rng = np.random.default_rng(9)
     shape = (len(names), reports.sizes["report"])
-    east, north = (one + noise * rng.normal(size=shape) for one in WIND)
+    east, north = (component + noise * rng.normal(size=shape) for component in WIND)
     winds = {"reference_eastward_wind": east, "reference_northward_wind": north}
     return ragged(winds | {"lead_time": np.ones(shape)}, reference=names)
 
@@ -106,20 +106,20 @@ def with_reported(reports, heading, airspeed):
     )
 
 
-def from_reported(found):
+def from_reported(ds):
     """Number of reports whose ground vector is that of the reported heading and airspeed."""
-    return int((found["ground_vector_source"] == GROUND_VECTOR_SOURCE["reported"]).sum())
+    return int((ds["ground_vector_source"] == GROUND_VECTOR_SOURCE["reported"]).sum())
 
 
-def uses(found):
+def uses(ds):
     """Use of the reported heading, aircraft by aircraft."""
     words = {value: name for name, value in REPORTED_HEADING_USE.items()}
-    return [words[int(code)] for code in found["reported_heading_use"]]
+    return [words[int(code)] for code in ds["reported_heading_use"]]
 
 
-def off(found, expected):
+def error(angle, expected):
     """Signed difference of angles in degrees."""
-    return np.degrees(wrap_signed(np.radians(np.asarray(found, float) - expected)))
+    return np.degrees(wrap_signed(np.radians(np.asarray(angle, float) - expected)))
 
 
 def rms(values):
@@ -132,11 +132,11 @@ def test_the_compass_error_flown_is_the_heading_error_found():
     ds = derive_headings(reports, model(reports))
     assert ds.heading_error.dims == ("reference", "report")
     np.testing.assert_allclose(ds.heading_error[0], truth["error"], atol=2e-3)
-    np.testing.assert_allclose(off(ds.heading, truth["unit_heading"]), 0.0, atol=2e-3)
-    np.testing.assert_allclose(off(ds.track, truth["track"]), 0.0, atol=1e-3)
+    np.testing.assert_allclose(error(ds.heading, truth["unit_heading"]), 0.0, atol=2e-3)
+    np.testing.assert_allclose(error(ds.track, truth["track"]), 0.0, atol=1e-3)
     np.testing.assert_allclose(ds.airspeed, 1.02 * truth["airspeed"], rtol=1e-5)
     np.testing.assert_allclose(
-        off(ds.heading - ds.declination, ds.magnetic_heading.values), 0.0, atol=1e-4
+        error(ds.heading - ds.declination, ds.magnetic_heading.values), 0.0, atol=1e-4
     )
     # an error of the airspeed shows along the heading and not across
     np.testing.assert_allclose(ds.airspeed_error[0], 0.02 * truth["airspeed"], atol=2e-3)
@@ -175,8 +175,8 @@ def test_reported_heading_and_airspeed_are_used_where_they_agree():
     ds = derive_headings(reported, model(reports))
     assert from_reported(ds) == reports.sizes["report"]
     assert uses(ds) == ["used", "used"] and uses(chords) == ["absent", "absent"]
-    np.testing.assert_allclose(off(ds.heading, np.round(truth["unit_heading"])), 0, atol=1e-3)
-    assert rms(off(ds.track, truth["track"])) < 0.35 < rms(off(chords.track, truth["track"]))
+    np.testing.assert_allclose(error(ds.heading, np.round(truth["unit_heading"])), 0, atol=1e-3)
+    assert rms(error(ds.track, truth["track"])) < 0.35 < rms(error(chords.track, truth["track"]))
     assert float(ds.ground_velocity_error.median()) < 1.0
     # half a degree of rounding in a whole degree, the rest is the compass
     assert rms(ds.heading_error[0] - truth["error"]) < 0.35
@@ -190,16 +190,16 @@ def test_a_column_of_another_quantity_is_not_used(column, reason):
     reports = flown(position=TENTH_MINUTE, tick=1.0)
     truth = reports.attrs["truth"]
     heading, airspeed = truth["unit_heading"], truth["unit_airspeed"]
-    second = np.arange(heading.size) >= heading.size // 2
-    other = {
+    n001 = np.arange(heading.size) >= heading.size // 2
+    wrong = {
         "track": (truth["track"], airspeed),
         "magnetic": (heading - 1.0, airspeed),  # a declination of one degree
         "cas": (heading, 0.65 * airspeed),
     }[column]
-    columns = (np.where(second, *two) for two in zip(other, (heading, airspeed), strict=True))
+    columns = (np.where(n001, *pair) for pair in zip(wrong, (heading, airspeed), strict=True))
     ds = derive_headings(with_reported(reports, *columns), model(reports))
     assert uses(ds) == ["used", reason]
-    assert from_reported(ds) == (~second).sum()
+    assert from_reported(ds) == (~n001).sum()
     np.testing.assert_allclose(ds.heading_error[0].values, truth["error"], atol=0.6)
 
 
@@ -218,14 +218,14 @@ def test_too_few_reports_or_one_wild_one():
 def test_inconsistent_input_is_refused():
     reports = flown(flights=2)
     winds = model(reports)
-    for part, wind, says in (
+    for refused_reports, wind, says in (
         (reports.drop_vars("flight"), winds, "flight"),
         (reports, winds.drop_vars("reference_northward_wind"), "reference_northward_wind"),
         (reports, winds.isel(report=slice(1, None)), "35 winds for 36 reports"),
         (reports.assign(row_size=("aircraft", [3, 4])), winds, "row_size"),
     ):
         with pytest.raises(InputError, match=says):
-            derive_headings(part, wind)
+            derive_headings(refused_reports, wind)
     none = reports.isel(report=[]).assign(row_size=("aircraft", [0, 0]))
     assert derive_headings(none, model(none)).heading_error.shape == (1, 0)
 
@@ -250,10 +250,10 @@ def test_a_research_aircraft_from_its_fixes_and_wind_alone(real):
     }
     reports = ragged(columns, [lat.size], ["N677F"])
     derived = derive_headings(reports, model(reports), widen=False).isel(report=slice(1, -1))
-    assert np.median(np.abs(off(derived.heading, heading[1:-1]))) < 0.5, "degrees"
+    assert np.median(np.abs(error(derived.heading, heading[1:-1]))) < 0.5, "degrees"
     assert np.median(np.abs(derived.airspeed.values - airspeed[1:-1])) < 1.0
     # the drift is more than ten degrees: neither the track nor the wrong sign would do
-    assert np.median(np.abs(off(derived.track, heading[1:-1]))) > 8.0
+    assert np.median(np.abs(error(derived.track, heading[1:-1]))) > 8.0
 
 
 POOLS = {"both": ["ruc", "rtfdaa"]}
@@ -292,8 +292,8 @@ def test_nothing_is_computed_and_the_result_is_the_eager_one(two_references, chu
     with dask.config.set(scheduler=refuse):
         lazy = stages(lazy_reports, lazy_winds)
     for scheduler in ("synchronous", "threads"):
-        for expected, found in zip(eager, dask.compute(*lazy, scheduler=scheduler), strict=True):
-            xr.testing.assert_identical(found, expected)
+        for expected, computed in zip(eager, dask.compute(*lazy, scheduler=scheduler), strict=True):
+            xr.testing.assert_identical(computed, expected)
 
 
 def test_blocks_are_whole_aircraft_and_processes_give_the_same(two_references):

@@ -93,12 +93,12 @@ def triangle(heading=np.asarray, track=np.asarray, ground=1.0):
 
     def change(fields):
         reported = heading(fields["reported_heading"])
-        moved = track(np.degrees(np.pi / 2 - np.angle(fields["ground"])) % 360.0)
-        wind = ground * np.abs(fields["ground"]) * np.exp(1j * np.radians(90 - moved))
+        derived_track = track(np.degrees(np.pi / 2 - np.angle(fields["ground"])) % 360.0)
+        wind = ground * np.abs(fields["ground"]) * np.exp(1j * np.radians(90 - derived_track))
         wind = wind - fields["reported_airspeed"] * np.exp(1j * np.radians(90 - reported))
-        wind[(np.abs(wind) > 150.0) | (moved > 360.0)] = np.nan  # as on reading
-        changed = {"reported_heading": reported, "wind_source": np.ones(wind.size)}
-        return polar(wind) | changed
+        wind[(np.abs(wind) > 150.0) | (derived_track > 360.0)] = np.nan  # as on reading
+        columns = {"reported_heading": reported, "wind_source": np.ones(wind.size)}
+        return polar(wind) | columns
 
     return change
 
@@ -107,7 +107,7 @@ def scaled(name, factor):
     return lambda fields: {name: factor * fields[name]}
 
 
-def turned(function):
+def with_direction(function):
     return lambda fields: {"direction": function(fields["direction"])}
 
 
@@ -139,10 +139,10 @@ def test_sound_reports_are_plausible():
         (triangle(heading=lambda angle: angle + 180.0), "reported_heading", "opposite"),
         (triangle(track=np.radians), "track", "radians"),
         (triangle(ground=KNOT), "ground_speed", "values in m/s read as kt"),
-        (turned(lambda angle: angle / 10.0), "wind_direction", "tens of degrees"),
-        (turned(lambda angle: (angle + 180.0) % 360.0), "wind_direction", "opposite"),
-        (turned(lambda angle: (90.0 - angle) % 360.0), "wind_direction", "exchanged"),
-        (turned(lambda angle: angle % 256.0), "wind_direction", "part of the circle"),
+        (with_direction(lambda angle: angle / 10.0), "wind_direction", "tens of degrees"),
+        (with_direction(lambda angle: (angle + 180.0) % 360.0), "wind_direction", "opposite"),
+        (with_direction(lambda angle: (90.0 - angle) % 360.0), "wind_direction", "exchanged"),
+        (with_direction(lambda angle: angle % 256.0), "wind_direction", "part of the circle"),
         (scaled("pressure_altitude", FOOT), "pressure_altitude", "values in m read as ft"),
         (scaled("pressure_altitude", 0.01), "pressure_altitude", "flight levels read as ft"),
         (celsius(lambda t: 1.8 * t + 32.0), "air_temperature", "Fahrenheit"),
@@ -205,7 +205,7 @@ def test_one_aircraft_of_a_fleet_and_aircraft_with_few_reports():
 )
 def test_headings_of_the_other_kind_are_named(turn, likely):
     values = {"offset": turn, "offset_standard_error": 0.3, "status": STATUS["ok"]}
-    data = {name: (("reference", "aircraft"), np.full((1, 4), one)) for name, one in values.items()}
+    data = {name: (("reference", "aircraft"), np.full((1, 4), x)) for name, x in values.items()}
     data["mean_declination"] = "aircraft", np.full(4, -14.0)
     (sentence,) = heading_kind_warnings(xr.Dataset(data, {"reference": ["ruc"]}), "ruc")
     assert likely in sentence
@@ -225,8 +225,8 @@ def test_offsets_equal_to_the_declination_are_recognised(sign, expected):
     assert not taken_for(rng.normal(0, 0.7, 50), np.full(50, 0.2), np.full(50, 0.9))
 
 
-@pytest.mark.parametrize(("ahead", "said"), [(0.0, ""), (-5.0, "later"), (7.0, "earlier")])
-def test_clocks_of_another_time_zone(ahead, said):
+@pytest.mark.parametrize(("ahead", "evidence"), [(0.0, ""), (-5.0, "later"), (7.0, "earlier")])
+def test_clocks_of_another_time_zone(ahead, evidence):
     """Flights on one route every three hours for 20 days, in weather that changes within a day."""
     rng = np.random.default_rng(2)
     hours = np.repeat(np.arange(160) * 3.0, 10) + np.tile(np.arange(10) / 30.0, 160)
@@ -245,18 +245,18 @@ def test_clocks_of_another_time_zone(ahead, said):
         "pressure_altitude": np.full(1600, 2000.0),
         "wind_source": np.zeros(1600),
     }
-    made = headings(3600.0 * hours, wind, reference, ground, columns, ("A",))
-    clock = [finding for finding in plausibility(made) if finding.quantity == "time"]
-    assert all(said in finding.evidence for finding in clock)
-    assert len(clock) == (said != "")
+    ds = headings(3600.0 * hours, wind, reference, ground, columns, ("A",))
+    clock = [finding for finding in plausibility(ds) if finding.quantity == "time"]
+    assert all(evidence in finding.evidence for finding in clock)
+    assert len(clock) == (evidence != "")
 
 
 def test_the_status_and_the_sentence():
     status = (("reference", "aircraft"), np.array([[0, 1, 4, 7, 0]], dtype=np.int8))
     fits = xr.Dataset({"status": status}, coords={"reference": ["ruc"], "aircraft": list("ABCDE")})
     marked = with_implausible(fits, plausibility(archive(scaled("speed", KNOT))))
-    bad = STATUS["implausible_reports"]
-    assert marked["status"].values.tolist() == [[bad, 1, bad, bad, 0]]
+    implausible = STATUS["implausible_reports"]
+    assert marked["status"].values.tolist() == [[implausible, 1, implausible, implausible, 0]]
     assert marked["status"].dtype == np.int8
     (sentence,) = plausibility_warnings(marked)
     assert "wind speeds of all aircraft" in sentence and "m/s read as kt" in sentence
@@ -270,10 +270,10 @@ def test_a_large_deviation_and_weak_winds_are_no_wrong_unit(amplitude, strength)
         wind = strength * speed_and_direction(fields)
         air = fields["ground"] - wind
         heading = np.pi / 2 - np.angle(air)
-        turned = fields["ground"] - air * np.exp(-1j * np.radians(amplitude) * np.sin(heading))
+        biased = fields["ground"] - air * np.exp(-1j * np.radians(amplitude) * np.sin(heading))
         unknown = np.full(wind.size, np.nan)
         reference = strength * fields["reference"]
-        return polar(turned) | {"reference": reference, "reported_heading": unknown}
+        return polar(biased) | {"reference": reference, "reported_heading": unknown}
 
     assert plausibility(archive(deviated)) == []
 
@@ -306,8 +306,8 @@ def test_a_run_finds_the_offsets_and_warns_of_magnetic_headings_taken_for_true(
         phases = {"phases": ["ascent", "cruise", "descent", "unknown"]}
         sections = {"screening": phases, "fit": {"min_reports": 100}, "output": output}
         path = configured(tmp_path, reports, {"era5": tmp_path / "era5.nc"}, **sections)
-        said = airswing.run(path).summary["warnings"]
-        warnings.append([line for line in said if "declination" in line])
+        run_warnings = airswing.run(path).summary["warnings"]
+        warnings.append([line for line in run_warnings if "declination" in line])
     assert warnings[0] == []
     assert "headings taken for true are magnetic" in warnings[1][0] and len(warnings[1]) == 1
     fits = read_product(tmp_path / "right/fits.nc").isel(reference=0)

@@ -34,7 +34,7 @@ WORST = {  # what breaks each rule and nothing else
 }
 
 
-def made(*changes, row_size=None):
+def headings(*changes, row_size=None):
     """HEADINGS with one good report for each dict of changes."""
     reports = [{**GOOD, **change} for change in changes]
     columns = {name: np.array([r[name] for r in reports]) for name in GOOD}
@@ -52,7 +52,7 @@ def bits(ds, **options):
 def test_every_rule_has_its_bit_and_only_its_bit():
     # The field test's bit is set by mark_corrected_units, not by a rule of screen.
     assert [*WORST, "field_test"] == list(SCREENING)
-    marked = bits(made({}, *WORST.values()))
+    marked = bits(headings({}, *WORST.values()))
     assert [*marked, SCREENING["field_test"]] == [0, *SCREENING.values()]
 
 
@@ -70,54 +70,54 @@ def test_every_rule_has_its_bit_and_only_its_bit():
 )
 def test_policies_of_flags(name, codes, policy, rejected):
     rule = name.removesuffix("_flag")
-    marked = bits(made(*({name: code} for code in codes.values())), **{rule: policy})
+    marked = bits(headings(*({name: code} for code in codes.values())), **{rule: policy})
     assert marked == [SCREENING[rule] if word in rejected else 0 for word in codes]
-    absent = made({}).drop_vars(name)  # counts as missing
+    absent = headings({}).drop_vars(name)  # counts as missing
     assert bits(absent, **{rule: policy}) == [SCREENING[rule] if "missing" in rejected else 0]
     with pytest.raises(ConfigError, match=rf"screening.{rule}.*require_{rule}"):
         bits(absent, **{rule: f"require_{rule}"})
 
 
 def test_phases_and_absent_ground_vectors():
-    ds = made(*({"phase": code} for code in PHASE.values()))
+    ds = headings(*({"phase": code} for code in PHASE.values()))
     assert np.flatnonzero(np.array(bits(ds, phases=["ascent", "descent"])) == 0).tolist() == [1, 3]
     with pytest.raises(ConfigError, match=r"screening.phases.*cruising"):
         screen(ds, phases=["cruising"])
     absent = ("ground_speed", "ground_velocity_error", "airspeed", "turn")
-    assert bits(made(dict.fromkeys(absent, np.nan))) == [SCREENING["no_ground_vector"]]
+    assert bits(headings(dict.fromkeys(absent, np.nan))) == [SCREENING["no_ground_vector"]]
     attrs = screen(ds).screening.attrs
     assert attrs["flag_meanings"].split() == list(SCREENING)
 
 
 def test_limits_are_limits():
-    turns = made(*({"turn": turn} for turn in (9.99, -9.99, 10.01, np.nan)))
+    turns = headings(*({"turn": turn} for turn in (9.99, -9.99, 10.01, np.nan)))
     assert [bit > 0 for bit in bits(turns)] == [False, False, True, False]
-    turns = made({"turn": 5.0})
+    turns = headings({"turn": 5.0})
     assert bits(turns, max_turn=np.radians(4.9)) == [SCREENING["turn"]]
     assert bits(turns, max_turn=np.radians(5.1)) == [0]
-    slow = made({"ground_speed": 41.0}, {"ground_speed": 41.3})  # 80 kt is 41.16 m/s
+    slow = headings({"ground_speed": 41.0}, {"ground_speed": 41.3})  # 80 kt is 41.16 m/s
     assert bits(slow) == [SCREENING["ground_speed"], 0]
-    coarse = made({"ground_velocity_error": 15.0}, {"ground_velocity_error": 40.0})
+    coarse = headings({"ground_velocity_error": 15.0}, {"ground_velocity_error": 40.0})
     assert bits(coarse) == [0, SCREENING["no_ground_vector"]]
 
 
 def test_gross_errors_only():
-    away = {"reference_northward_wind": (60.0, -4.0)}  # the other agrees: it would bend one fit
-    assert bits(made(away)) == [SCREENING["gross_error"]]
-    assert bits(made({"reference_northward_wind": (np.nan, -4.0)})) == [0]
-    assert bits(made({"airspeed": 10.0}, {"airspeed": 500.0})) == [SCREENING["gross_error"]] * 2
+    distant = {"reference_northward_wind": (60.0, -4.0)}  # the other agrees: it would bend one fit
+    assert bits(headings(distant)) == [SCREENING["gross_error"]]
+    assert bits(headings({"reference_northward_wind": (np.nan, -4.0)})) == [0]
+    assert bits(headings({"airspeed": 10.0}, {"airspeed": 500.0})) == [SCREENING["gross_error"]] * 2
     # a compass 12 degrees off on a jet at 230 m/s: 48 m/s, and yet no gross error
     jet = {
         "airspeed": 230.0,
         "reference_eastward_wind": (58.0, 58.0),
         "reference_northward_wind": (-4.0, -4.0),
     }
-    assert bits(made(jet)) == [0]
-    assert bits(made({**jet, "airspeed": 100.0})) == [SCREENING["gross_error"]]
+    assert bits(headings(jet)) == [0]
+    assert bits(headings({**jet, "airspeed": 100.0})) == [SCREENING["gross_error"]]
 
 
 def test_the_audit():
-    ds = made(
+    ds = headings(
         {},
         WORST["turn"],
         {**WORST["turn"], **WORST["roll"]},

@@ -24,31 +24,31 @@ def errors_of(fits):
 
 def test_exact_for_ten_degrees_with_bias_and_scale():
     truth = [2.0, 8.0, -6.0, 1.5, -1.0]
-    headings, made = fly([truth], QUIET, 1)
+    headings, simulated = fly([truth], QUIET, 1)
     fits = fit_deviation(headings)
     assert fits["deviation"].to_numpy()[0, 0] == pytest.approx(truth, abs=1e-3)
-    assert fits["airspeed_scale"].item() == pytest.approx(made["scale"][0], abs=1e-5)
-    assert fits["reference_bias"].to_numpy()[0] == pytest.approx(made["bias"][0, 0], abs=1e-3)
+    assert fits["airspeed_scale"].item() == pytest.approx(simulated["scale"][0], abs=1e-5)
+    assert fits["reference_bias"].to_numpy()[0] == pytest.approx(simulated["bias"][0, 0], abs=1e-3)
     assert fits["harmonics"].item() == 2
 
 
 @pytest.mark.parametrize("fleets", [8, pytest.param(30, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("shared_error", [False, True])
 def test_coverage_and_bias_over_fleets(shared_error, fleets):
-    """The whole of it (200 fleets) is benchmarks/coverage.py."""
-    z, apart = [], []
+    """``benchmarks/coverage.py`` runs 200 fleets."""
+    z, errors = [], []
     for seed in range(fleets):
         deviation = fleet_deviations(5, np.random.default_rng([seed, 9]))
         headings, _ = fly(deviation, Setting(aircraft=5, days=30, outliers=0.01), 500 + seed)
         fits = fit_deviation(headings, shared_error=shared_error)
-        apart.append(fits["deviation"].to_numpy()[0] - deviation)
-        z.append(apart[-1] / errors_of(fits)[0])
-    z, apart = np.concatenate(z), np.concatenate(apart)
+        errors.append(fits["deviation"].to_numpy()[0] - deviation)
+        z.append(errors[-1] / errors_of(fits)[0])
+    z, errors = np.concatenate(z), np.concatenate(errors)
     assert np.isfinite(z).all(axis=1).mean() > 0.97
     inside = np.nanmean(np.abs(z) < 1.96)
     assert 0.92 < inside < (0.98 if fleets > 10 else 0.995)
     # the mean of n aircraft with errors of 0.1 degree
-    assert np.all(np.abs(np.nanmean(apart, axis=0)[1:3]) < 0.4 / np.sqrt(len(apart)))
+    assert np.all(np.abs(np.nanmean(errors, axis=0)[1:3]) < 0.4 / np.sqrt(len(errors)))
 
 
 def test_model_bias_spoils_the_heading_error_alone_but_not_the_joint_fit():
@@ -56,11 +56,11 @@ def test_model_bias_spoils_the_heading_error_alone_but_not_the_joint_fit():
     setting = Setting(aircraft=8, days=60, bias=(0.6, -0.5), bias_spread=0.0, day_error=0.0)
     headings, _ = fly(deviation, setting, 2)
     joint = fit_deviation(headings)["deviation"].to_numpy()[0].mean(axis=0)
-    alone = fit_deviation(headings, joint=False)["deviation"].to_numpy()[0].mean(axis=0)
+    heading_only = fit_deviation(headings, joint=False)["deviation"].to_numpy()[0].mean(axis=0)
     assert np.abs(joint[1:3] - [2.0, -1.2]).max() < 0.06
     # b / V = 0.6 / 110 and 0.5 / 110 rad, as the heading error sees them
-    assert alone[1] - 2.0 == pytest.approx(np.degrees(0.5 / 110), abs=0.08)
-    assert abs(alone[2] + 1.2) == pytest.approx(np.degrees(0.6 / 110), abs=0.08)
+    assert heading_only[1] - 2.0 == pytest.approx(np.degrees(0.5 / 110), abs=0.08)
+    assert abs(heading_only[2] + 1.2) == pytest.approx(np.degrees(0.6 / 110), abs=0.08)
 
 
 def test_nga_swing_gives_its_published_a():
@@ -72,17 +72,17 @@ def test_nga_swing_gives_its_published_a():
     heading = ("report", np.tile(points, 60))
     ds = ds.assign(heading=heading, magnetic_heading=heading)
     ds["heading_error"][0] = np.tile(-card, 60) + noise  # compass less magnetic
-    got = fit_deviation(ds, joint=False)["deviation"].to_numpy()[0, 0]
+    coefficients = fit_deviation(ds, joint=False)["deviation"].to_numpy()[0, 0]
     b = -np.mean(card * np.sin(np.radians(points))) * 2
-    assert got[:2] == pytest.approx([-1.0, b], abs=0.02)
+    assert coefficients[:2] == pytest.approx([-1.0, b], abs=0.02)
 
 
 def test_gross_errors_move_nothing_much():
     deviation = fleet_deviations(2, np.random.default_rng(5))
     clean = fly(deviation, Setting(aircraft=2, days=30), 4)[0]
     dirty = fly(deviation, Setting(aircraft=2, days=30, outliers=0.05), 4)[0]
-    one, two = (fit_deviation(ds)["deviation"].to_numpy() for ds in (clean, dirty))
-    assert np.abs(one - two).max() < 0.06
+    clean_fit, dirty_fit = (fit_deviation(ds)["deviation"].to_numpy() for ds in (clean, dirty))
+    assert np.abs(clean_fit - dirty_fit).max() < 0.06
 
 
 def test_pool_fits_members_together_and_covers():
@@ -90,11 +90,11 @@ def test_pool_fits_members_together_and_covers():
     headings, truth = fly(deviation, Setting(aircraft=4, days=30, references=2), 12)
     fits = fit_deviation(headings, pools={"both": ["ruc", "rtfdaa"]})
     assert fits["reference"].to_numpy().tolist() == ["ruc", "rtfdaa", "both"]
-    error, both = errors_of(fits)[:, :, :3], fits.isel(reference=2)
+    error, pooled = errors_of(fits)[:, :, :3], fits.isel(reference=2)
     assert np.all(error[2] < np.maximum(error[0], error[1]))
-    assert np.abs(both["deviation"].to_numpy() - deviation).max() < 0.5
+    assert np.abs(pooled["deviation"].to_numpy() - deviation).max() < 0.5
     bias = truth["bias"].mean(axis=(0, 1))
-    assert both["reference_bias"].to_numpy() == pytest.approx(bias, abs=0.6)
+    assert pooled["reference_bias"].to_numpy() == pytest.approx(bias, abs=0.6)
     with pytest.raises(InputError, match="nam"):
         fit_deviation(headings, pools={"bad": ["ruc", "nam"]})
     with pytest.raises(InputError, match="airspeed_error"):
@@ -104,9 +104,9 @@ def test_pool_fits_members_together_and_covers():
 def test_cycles_by_evidence():
     headings, _ = fly([[1.0, 4.0, -2.0, 0.0, 0.0]] * 8, Setting(aircraft=8, days=30), 6)
     fits = fit_deviation(headings)
-    one = fits["harmonics"].to_numpy()[0] == 1
-    assert one.sum() >= 7
-    assert np.all(fits["deviation"].to_numpy()[0][one][:, 3:] == 0)
+    one_cycle = fits["harmonics"].to_numpy()[0] == 1
+    assert one_cycle.sum() >= 7
+    assert np.all(fits["deviation"].to_numpy()[0][one_cycle][:, 3:] == 0)
     assert np.all(errors_of(fits)[0][:, 3:] > 0)  # a small second cycle is not ruled out
     forced = fit_deviation(headings, harmonics=2)["deviation"].to_numpy()[0]
     assert np.all(forced[:, 3:] != 0)
@@ -131,32 +131,32 @@ def test_status_gives_the_reason():
         STATUS["ok"],
     ]
     assert np.isfinite(fits["deviation"].to_numpy()[0]).all(axis=1).tolist() == [0, 1, 0, 1]
-    kept = (screening == 0).sum(axis=1)
-    assert kept[0] == 150 and (fits["report_count"].to_numpy()[0] == kept).all()
+    accepted = (screening == 0).sum(axis=1)
+    assert accepted[0] == 150 and (fits["report_count"].to_numpy()[0] == accepted).all()
     assert fits["compass_points"].to_numpy()[0, 3] == 8
 
 
 def test_b_and_c_are_those_at_the_mean_horizontal_field():
     # the same iron in a field of 16 and of 24 microtesla; what is published is at their mean
     parts = []
-    for part, field in enumerate((16000.0, 24000.0)):
+    for number, field in enumerate((16000.0, 24000.0)):
         iron = [[0.5, 4.0 * 2e4 / field, -2.0 * 2e4 / field, 0, 0]]
-        flown, _ = fly(iron, Setting(aircraft=1, days=30), 31 + part)
-        later = flown.assign(time=flown["time"] + part * np.timedelta64(40, "D"))
-        later = later.assign(flight=flown["flight"] + part * 1000).drop_vars("row_size")
+        flown, _ = fly(iron, Setting(aircraft=1, days=30), 31 + number)
+        later = flown.assign(time=flown["time"] + number * np.timedelta64(40, "D"))
+        later = later.assign(flight=flown["flight"] + number * 1000).drop_vars("row_size")
         parts.append(later.assign(horizontal_field=0 * flown["latitude"] + field))
-    both = xr.concat(parts, "report", data_vars="minimal", coords="minimal", compat="override")
-    both["row_size"] = ("aircraft", [both.sizes["report"]])
-    fits = fit_deviation(both)
+    reports = xr.concat(parts, "report", data_vars="minimal", coords="minimal", compat="override")
+    reports["row_size"] = ("aircraft", [reports.sizes["report"]])
+    fits = fit_deviation(reports)
     assert np.abs(fits["deviation"].to_numpy()[0, 0] - [0.5, 4.0, -2.0, 0, 0]).max() < 0.3
     assert fits["mean_horizontal_field"].item() == pytest.approx(20000.0)
-    both["screening"][: both.sizes["report"] // 4] = 1
+    reports["screening"][: reports.sizes["report"] // 4] = 1
     # a third of 16,000 and two thirds of 24,000: screened reports do not count
-    part = fit_deviation(both)["mean_horizontal_field"].item()
-    assert part == pytest.approx(16000 / 3 + 2 * 24000 / 3)
-    both["screening"][:] = 0
+    mean_field = fit_deviation(reports)["mean_horizontal_field"].item()
+    assert mean_field == pytest.approx(16000 / 3 + 2 * 24000 / 3)
+    reports["screening"][:] = 0
     # unaware of the field, the fit takes the compass for one that has changed
-    unaware = fit_deviation(both.drop_vars("horizontal_field"))
+    unaware = fit_deviation(reports.drop_vars("horizontal_field"))
     assert unaware["status"].item() == STATUS["unstable_fit"]
     assert np.isnan(unaware["deviation"]).all()
     assert np.isnan(unaware["mean_horizontal_field"].item())
@@ -164,7 +164,7 @@ def test_b_and_c_are_those_at_the_mean_horizontal_field():
 
 @pytest.mark.filterwarnings("ignore:overflow encountered")
 def test_a_fit_that_diverges_is_refused():
-    """Of 40 aircraft with two flights on a heading each, the fit of the fourth runs away."""
+    """Of 40 aircraft with two flights on a heading each, the fit of the fourth diverges."""
     few = Setting(aircraft=40, days=1, flights_a_day=2, reports_a_flight=14, legs=1)
     headings, _ = fly(fleet_deviations(40, np.random.default_rng(7)), few, 7)
     assert set(fit_deviation(headings)["status"].to_numpy().ravel()) == {STATUS["too_few_reports"]}
@@ -174,7 +174,7 @@ def test_without_gross_errors_the_fit_is_least_squares_of_the_vector():
     setting = Setting(aircraft=1, days=30, day_error=0.0, flight_error=0.0)
     headings, _ = fly([[1.0, 8.0, -6.0, 1.5, -1.0]], setting, 7)
     fits = fit_deviation(headings, harmonics=2, shared_error=False).isel(reference=0, aircraft=0)
-    shown, magnetic = headings["heading"].to_numpy(), headings["magnetic_heading"].to_numpy()
+    indicated, magnetic = headings["heading"].to_numpy(), headings["magnetic_heading"].to_numpy()
     winds = ("eastward_wind", "northward_wind")
     reported, model = (
         np.stack([headings[f"{kind}{name}"].to_numpy().ravel() for name in winds])
@@ -186,34 +186,34 @@ def test_without_gross_errors_the_fit_is_least_squares_of_the_vector():
         return airspeed * np.stack([np.sin(np.radians(heading)), np.cos(np.radians(heading))])
 
     def residuals(theta):
-        right = shown - curve(np.degrees(theta[:5]), magnetic)
+        right = indicated - curve(np.degrees(theta[:5]), magnetic)
         difference = model - theta[6:, None] - reported
-        return (difference - air(shown) + (1 - theta[5]) * air(right)).ravel()
+        return (difference - air(indicated) + (1 - theta[5]) * air(right)).ravel()
 
     best = least_squares(residuals, np.zeros(8), x_scale=[0.01] * 6 + [1, 1]).x
     error = np.sqrt(np.diagonal(fits["deviation_covariance"]))
-    apart = fits["deviation"].to_numpy() - np.degrees(best[:5])
-    assert (np.abs(apart) < 0.35 * error).all()  # 95 % efficiency
+    curve_difference = fits["deviation"].to_numpy() - np.degrees(best[:5])
+    assert (np.abs(curve_difference) < 0.35 * error).all()  # 95 % efficiency
     assert fits["airspeed_scale"].item() == pytest.approx(best[5], abs=1e-3)
     assert fits["reference_bias"].to_numpy() == pytest.approx(best[6:], abs=0.1)
 
 
 def statuses(size, seeds, **setting):
     """Status of fleets of 20 aircraft with one cycle of this amplitude (degrees)."""
-    found = []
+    by_fleet = []
     for seed in seeds:
         phase, zero = np.random.default_rng(seed).uniform(0, 2 * np.pi, 20), np.zeros(20)
         cycle = size * np.cos(phase), size * np.sin(phase)
         deviation = np.stack([zero, *cycle, zero, zero], axis=1)
         headings, _ = fly(deviation, Setting(aircraft=20, **setting), seed + 100)
-        found.append(fit_deviation(headings)["status"].to_numpy()[0])
-    return np.concatenate(found)
+        by_fleet.append(fit_deviation(headings)["status"].to_numpy()[0])
+    return np.concatenate(by_fleet)
 
 
 def test_without_deviation_no_correction_is_needed():
-    found = statuses(0.0, range(3), days=30)
-    assert np.mean(found == STATUS["no_correction_needed"]) >= 0.88  # 95 % in the mean
-    assert np.mean(found == STATUS["ok"]) <= 0.1
+    status = statuses(0.0, range(3), days=30)
+    assert np.mean(status == STATUS["no_correction_needed"]) >= 0.88  # 95 % in the mean
+    assert np.mean(status == STATUS["ok"]) <= 0.1
     assert published(STATUS["no_correction_needed"]) and not published(STATUS["no_improvement"])
 
 
@@ -224,26 +224,26 @@ def test_a_small_deviation_is_corrected_whatever_the_bias_of_the_reference(bias)
 
 @pytest.mark.slow
 def test_rates_of_false_corrections_and_false_refusals():
-    found = statuses(0.0, range(10))
-    assert 0.02 <= np.mean(found != STATUS["no_correction_needed"]) <= 0.09
-    found = statuses(0.3, range(10))
-    assert np.mean(found == STATUS["ok"]) > 0.9
-    assert np.mean(found == STATUS["no_improvement"]) < 0.03
+    status = statuses(0.0, range(10))
+    assert 0.02 <= np.mean(status != STATUS["no_correction_needed"]) <= 0.09
+    status = statuses(0.3, range(10))
+    assert np.mean(status == STATUS["ok"]) > 0.9
+    assert np.mean(status == STATUS["no_improvement"]) < 0.03
 
 
 def test_the_improvement_is_that_of_the_winds():
     """On days that the fit has not seen, in the mean square."""
     setting = Setting(aircraft=4, days=60, bias=(0.0, 0.0), bias_spread=0.0)
     headings, _ = fly([[1.0, 3.0, -2.0, 0.0, 0.0]] * 4, setting, 5)
-    early = (headings["time"] < headings["time"].quantile(0.5)).to_numpy()
-    learned = headings.assign(screening=("report", np.where(early, 0, 1).astype(np.int32)))
+    first_half = (headings["time"] < headings["time"].quantile(0.5)).to_numpy()
+    learned = headings.assign(screening=("report", np.where(first_half, 0, 1).astype(np.int32)))
     done = correct(headings, add_tables(fit_deviation(learned), learned), method="curve")
     fall = sum(
         (done[name] - headings[f"reference_{name}"][0]) ** 2
         - (done[f"corrected_{name}"] - headings[f"reference_{name}"][0]) ** 2
         for name in ("eastward_wind", "northward_wind")
     )
-    later = np.where(early, np.nan, fall.to_numpy()).reshape(4, -1)
+    later = np.where(first_half, np.nan, fall.to_numpy()).reshape(4, -1)
     fits = fit_deviation(headings).isel(reference=0)
     names = ("held_out_improvement", "held_out_improvement_standard_error")
     stated, error = (fits[name].to_numpy() for name in names)
@@ -285,7 +285,7 @@ def on_one_octant(setting, seed, aircraft):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("setting", "alone", "seeds", "least", "most"),
+    ("setting", "aircraft", "seeds", "least", "most"),
     [
         # together with aircraft with curves: their bias and its scatter are those of the simulation
         pytest.param(FLEET, range(6, 10), 20, 0.90, 0.995, id="with_curves"),
@@ -294,14 +294,14 @@ def on_one_octant(setting, seed, aircraft):
         pytest.param(ONE_HOUR, range(30), 12, 0.90, 1.0, id="one_flight_each"),
     ],
 )
-def test_intervals_hold_the_truth(setting, alone, seeds, least, most):
+def test_intervals_hold_the_truth(setting, aircraft, seeds, least, most):
     z = []
     for seed in range(seeds):
-        headings, truth = on_one_octant(setting, seed, list(alone))
-        fits = fit_deviation(headings, min_reports=100).isel(reference=0, aircraft=list(alone))
-        only = fits["status"].to_numpy() == STATUS["offset_only"]
-        apart = fits["offset"].to_numpy() - truth[list(alone)]
-        z.append((apart / fits["offset_standard_error"].to_numpy())[only])
+        headings, truth = on_one_octant(setting, seed, list(aircraft))
+        fits = fit_deviation(headings, min_reports=100).isel(reference=0, aircraft=list(aircraft))
+        offset_only = fits["status"].to_numpy() == STATUS["offset_only"]
+        error = fits["offset"].to_numpy() - truth[list(aircraft)]
+        z.append((error / fits["offset_standard_error"].to_numpy())[offset_only])
     inside = np.abs(np.concatenate(z)) < 1.96
     assert inside.size >= 60
     assert least <= inside.mean() <= most
@@ -315,49 +315,49 @@ def one_octant():
 
 def test_two_hundred_reports_in_one_octant_are_an_offset_never_an_amplitude(one_octant):
     headings, truth, fits = one_octant
-    one = fits.isel(reference=0, aircraft=9)
-    assert int(one["status"]) == STATUS["offset_only"]
-    assert int(one["compass_points"]) <= 3
-    assert int(one["report_count"]) >= 200
-    error = float(one["offset_standard_error"])
-    assert float(one["offset"]) == pytest.approx(truth[9], abs=3 * error)
+    fit = fits.isel(reference=0, aircraft=9)
+    assert int(fit["status"]) == STATUS["offset_only"]
+    assert int(fit["compass_points"]) <= 3
+    assert int(fit["report_count"]) >= 200
+    error = float(fit["offset_standard_error"])
+    assert float(fit["offset"]) == pytest.approx(truth[9], abs=3 * error)
     for name in ("amplitude", "phase", "airspeed_scale", "amplitude_standard_error"):
-        assert np.isnan(one[name])
-    assert int(one["harmonics"]) == 0
-    table = one["table_correction"].to_numpy()
+        assert np.isnan(fit[name])
+    assert int(fit["harmonics"]) == 0
+    table = fit["table_correction"].to_numpy()
     assert np.ptp(table) == 0
-    assert table[0] == pytest.approx(-float(one["offset"]), abs=0.051)
+    assert table[0] == pytest.approx(-float(fit["offset"]), abs=0.051)
     # on the headings flown the constant is known as well as stated, on others it is not
-    last = headings.isel(report=slice(-int(headings["row_size"][9]), None))
-    flown = last["heading"].to_numpy()[last["screening"] == 0]
-    wide, away = (
-        curve_standard_error(one["deviation_covariance"].to_numpy(), flown + turn)
+    reports = headings.isel(report=slice(-int(headings["row_size"][9]), None))
+    flown = reports["heading"].to_numpy()[reports["screening"] == 0]
+    flown_error, opposite_error = (
+        curve_standard_error(fit["deviation_covariance"].to_numpy(), flown + turn)
         for turn in (0.0, 180.0)
     )
-    assert np.median(wide) == pytest.approx(error, rel=0.02)
-    assert (away > 1.1 * error).all()
+    assert np.median(flown_error) == pytest.approx(error, rel=0.02)
+    assert (opposite_error > 1.1 * error).all()
 
 
 def test_corrections_tables_and_the_simulation_use_the_offset(one_octant, tmp_path):
     headings, _, fits = one_octant
     name = str(fits["aircraft"].to_numpy()[9])
     corrected = correct(headings, fits, apply_airspeed_scale=True)
-    last = slice(-int(headings["row_size"][9]), None)
+    reports = slice(-int(headings["row_size"][9]), None)
     applied = corrected["correction_applied"].to_numpy()
-    assert (applied[last] == CORRECTION["offset_only"]).all()
+    assert (applied[reports] == CORRECTION["offset_only"]).all()
     curve = np.repeat(fits["status"].to_numpy()[0] == STATUS["ok"], headings["row_size"])
     assert (applied[curve] != CORRECTION["offset_only"]).all()
-    turned = corrected["corrected_heading"] - headings["heading"]
+    change = corrected["corrected_heading"] - headings["heading"]
     expected = float(fits["table_correction"][0, 9, 0])
-    assert np.abs(wrap(turned.to_numpy()[last] - expected)).max() < 1e-3
-    assert np.isfinite(corrected["corrected_eastward_wind"].to_numpy()[last]).all()
+    assert np.abs(wrap(change.to_numpy()[reports] - expected)).max() < 1e-3
+    assert np.isfinite(corrected["corrected_eastward_wind"].to_numpy()[reports]).all()
     rows = write_tables_csv(fits, tmp_path / "tables.csv").read_text().splitlines()
     mine = [row.split(",") for row in rows if row.startswith(name)]
     assert len(mine) == 8 and {row[2] for row in mine} == {"offset_only"}
     stated = [float(row[5]) for row in mine]
     assert min(stated) >= float(fits["offset_standard_error"][0, 9]) - 0.001
     effects = effects_of_fits(fits, reference=str(fits["reference"].item()))
-    assert [one.name for one in effects if one.tails == (name,)] == ["compass_offset"]
+    assert [effect.name for effect in effects if effect.tails == (name,)] == ["compass_offset"]
 
 
 def test_the_refusal_names_the_limit_that_refused():
@@ -365,19 +365,19 @@ def test_the_refusal_names_the_limit_that_refused():
     headings, _ = on_one_octant(few, 1, [])
     # four flights of sixty reports; no other aircraft shows the reference error of a flight
     for least, status in ((200, "too_few_flights"), (1000, "too_few_reports")):
-        found = fit_deviation(headings, min_reports=least)["status"].to_numpy()
-        assert found.tolist() == [[STATUS[status]] * 2] and not published(found).any()
+        statuses = fit_deviation(headings, min_reports=least)["status"].to_numpy()
+        assert statuses.tolist() == [[STATUS[status]] * 2] and not published(statuses).any()
 
 
 def test_a_compass_that_changed_has_no_offset():
     headings, _ = on_one_octant(FLEET, 5, list(range(10)))
     half = headings["time"] > headings["time"].quantile(0.5)
-    moved = headings["heading_error"] + 6.0 * half
-    fits = fit_deviation(headings.assign(heading_error=moved))
-    found = fits["status"].to_numpy()[0]
+    changed_error = headings["heading_error"] + 6.0 * half
+    fits = fit_deviation(headings.assign(heading_error=changed_error))
+    status = fits["status"].to_numpy()[0]
     enough = fits["report_count"].to_numpy()[0] >= 200
     assert enough.sum() >= 6
-    assert (found[enough] == STATUS["unstable_fit"]).all()
+    assert (status[enough] == STATUS["unstable_fit"]).all()
 
 
 def test_an_offset_on_two_headings_is_the_mean_of_both():
