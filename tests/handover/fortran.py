@@ -27,8 +27,8 @@ def real(field, decimals):
     match = re.fullmatch(r"([+-]?)(\d*)(\.\d*)?(?:[eEdD]?([+-]?\d+))?", text.replace(" ", ""))
     if match is None or not (match[2] or (match[3] and len(match[3]) > 1)):
         raise ReadError(f"bad real number {field!r}")
-    sign, whole, point, exponent = match.groups()
-    value = float(f"{sign}{whole or '0'}{point or ''}")
+    sign, digits, point, exponent = match.groups()
+    value = float(f"{sign}{digits or '0'}{point or ''}")
     if point is None:
         value /= 10.0**decimals
     return float(np.float32(value * 10.0 ** int(exponent or 0)))
@@ -55,13 +55,13 @@ def fields(line, *layout):
 
     A field without a name is skipped.
     """
-    found, first = {}, 0
+    record, start = {}, 0
     for name, width, kind in layout:
-        text, first = line[first : first + width], first + width
+        text, start = line[start : start + width], start + width
         if name:
             readers = {"a": str, "i": integer, "l": logical}
-            found[name] = readers[kind](text) if kind in readers else real(text, kind)
-    return found
+            record[name] = readers[kind](text) if kind in readers else real(text, kind)
+    return record
 
 
 class Lines:

@@ -38,11 +38,11 @@ def understood(to, path):
     if to == "obs_domain":
         rows = _of_nudging(wrf_nudging.raw(text))
     elif to == "little_r":
-        far = timedelta(days=365_000)
-        rows = _of_obsproc(obsproc.processed(text, EPOCH - timedelta(1), EPOCH, EPOCH + far))
+        later = timedelta(days=365_000)
+        rows = _of_obsproc(obsproc.processed(text, EPOCH - timedelta(1), EPOCH, EPOCH + later))
     else:
-        reports, whole = wrfda.read(text)
-        assert whole
+        reports, complete = wrfda.read(text)
+        assert complete
         rows = _of_wrfda(reports)
     return pd.DataFrame(rows, columns=["seconds", "id", "lat", "lon", "p", "u", "v", "t"])
 
@@ -107,17 +107,17 @@ def ordered(table):
     return table.assign(level=level).sort_values(["seconds", "id", "level"], ignore_index=True)
 
 
-def assert_agree(found, wanted, to):
-    found, wanted = ordered(found), ordered(wanted)
-    assert found[["seconds", "id"]].values.tolist() == wanted[["seconds", "id"]].values.tolist()
-    assert (((found["lon"] - wanted["lon"] + 180.0) % 360.0 - 180.0).abs() < 6e-4).all()
+def assert_agree(exported, wanted, to):
+    exported, wanted = ordered(exported), ordered(wanted)
+    assert exported[["seconds", "id"]].values.tolist() == wanted[["seconds", "id"]].values.tolist()
+    assert (((exported["lon"] - wanted["lon"] + 180.0) % 360.0 - 180.0).abs() < 6e-4).all()
     for name, close in {"lat": 6e-4, "p": 6e-3, "t": 1e-3}.items():
-        np.testing.assert_allclose(found[name], wanted[name], atol=close, rtol=1e-6)
+        np.testing.assert_allclose(exported[name], wanted[name], atol=close, rtol=1e-6)
     calm = {"obs_domain": 1.1e-3, "little_r": 0.1001, "ob_ascii": 0.0}[to]
     speed = np.hypot(wanted["u"], wanted["v"])
     close = STEP[to] + np.where(speed < 0.1, calm, 0.0) + 1e-6 * speed
     for name in "uv":
-        assert ((found[name] - wanted[name]).abs() <= close).all()
+        assert ((exported[name] - wanted[name]).abs() <= close).all()
 
 
 SPECIAL = [(0.0, 0.0), (0.0, -10.0), (0.0, 5.0), (-7.0, 0.0), (0.0004, -0.0004), (1e-7, -20.0)]
@@ -293,8 +293,8 @@ def test_products_by_month_are_exported_as_one(tmp_path, to):
         flight=np.repeat(np.arange(8), 50),
     )
     later = ds["flight"].to_numpy() % 4 >= 2  # a flight belongs to the month of its first report
-    for month, chosen in (("2008-12", ~later), ("2009-01", later)):
-        month_ds = ds.isel(report=np.flatnonzero(chosen))
+    for month, in_month in (("2008-12", ~later), ("2009-01", later)):
+        month_ds = ds.isel(report=np.flatnonzero(in_month))
         month_ds["row_size"] = ("aircraft", np.array([100, 100], dtype=np.int32))
         write_product(month_ds, tmp_path / "corrected" / f"{month}.nc", title="test")
     write_product(ds, tmp_path / "whole.nc", title="test")
@@ -365,12 +365,12 @@ def call(*words):
     return done.returncode, done.stdout, done.stderr
 
 
-def left(folder):
+def files_below(folder):
     return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "fragments"),
     [
         (("--to", "grib", "-o", "f"), ("no such export format", "grib", "obs_domain")),
         (("--to", "obs_domain", "-o", "f", "--winds", "best"), ("--winds", "best")),
@@ -392,13 +392,13 @@ def left(folder):
         (("--to", "ob_ascii", "-o", "c.yaml/sub/f"), ("c.yaml/sub/f",)),
     ],
 )
-def test_bad_requests(folder, words, said):
-    before = left(folder)
+def test_bad_requests(folder, words, fragments):
+    before = files_below(folder)
     status, out, err = call(*words, "--quiet")
     assert status == 2 and out == ""
     assert err.startswith("airswing: ") and len(err) < 2000 and err.count("\n") == 1
-    assert all(word in err for word in said), err
-    assert left(folder) == before and (folder / "c.yaml").read_text() == CONFIG
+    assert all(word in err for word in fragments), err
+    assert files_below(folder) == before and (folder / "c.yaml").read_text() == CONFIG
 
 
 def test_the_command_writes_and_reports(folder):

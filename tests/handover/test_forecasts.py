@@ -53,18 +53,18 @@ def pairs(errors, *, first="2009-01-01", step="1D", leads=(12.0,), variable="air
 def test_as_good_as_a_published_filter(real):
     raw = pairs_from_tables([real("stations/verif_raw.txt")])
     public = pairs_from_tables([real("stations/verif_kf.txt")])
-    here = correct_forecasts(raw)
+    ours = correct_forecasts(raw)
     spread = {
         "raw": float((raw["forecast"] - raw["observation"]).std()),
         "public": float((public["forecast"] - public["observation"]).std()),
-        "here": float((here["corrected_forecast"] - here["observation"]).std()),
+        "here": float((ours["corrected_forecast"] - ours["observation"]).std()),
     }
     assert (raw.sizes["lead"], raw.sizes[TIME]) == (25, 61)
     assert spread["raw"] == pytest.approx(2.67, abs=0.005)
     assert spread["public"] == pytest.approx(1.17, abs=0.005)
     assert spread["here"] < 1.03 * spread["public"]
-    assert int(here["ratio_chosen"][0]) == 1
-    assert int(here["held_out"].sum()) in (30, 31)
+    assert int(ours["ratio_chosen"][0]) == 1
+    assert int(ours["held_out"].sum()) in (30, 31)
 
 
 def test_command_writes_product_and_page(real, tmp_path):
@@ -91,7 +91,7 @@ def test_nothing_observed_after_the_start_is_used():
     rng = np.random.default_rng(0)
     leads = (0.0, 24.0, 25.0, 48.0, 60.0)
     errors = rng.normal(size=(1, 40, len(leads)))
-    whole = correct_forecasts(pairs(errors, leads=leads), ratio=0.1)
+    reference = correct_forecasts(pairs(errors, leads=leads), ratio=0.1)
     start = 30
     for index, lead in enumerate(leads):
         later = errors.copy()
@@ -99,15 +99,15 @@ def test_nothing_observed_after_the_start_is_used():
         unknown = valid > start * 24.0
         later[0, unknown, index] += 100.0
         changed = correct_forecasts(pairs(later, leads=leads), ratio=0.1)
-        bias = [ds["forecast"] - ds["corrected_forecast"] for ds in (whole, changed)]
+        bias = [ds["forecast"] - ds["corrected_forecast"] for ds in (reference, changed)]
         at = {"lead": index, TIME: slice(None, start + 1)}
         np.testing.assert_array_equal(bias[0].isel(at), bias[1].isel(at))
         # And the last error that is known is used.
         complete = errors.copy()
         complete[0, np.flatnonzero(~unknown & (np.arange(40) < start))[-1], index] += 100.0
         changed = correct_forecasts(pairs(complete, leads=leads), ratio=0.1)
-        moved = changed["forecast"] - changed["corrected_forecast"]
-        assert float(moved.isel({"lead": index, TIME: start}).squeeze()) > 5.0
+        bias_change = changed["forecast"] - changed["corrected_forecast"]
+        assert float(bias_change.isel({"lead": index, TIME: start}).squeeze()) > 5.0
 
 
 def test_a_variable_the_filter_would_make_worse_is_unchanged(tmp_path):
@@ -117,13 +117,13 @@ def test_a_variable_the_filter_would_make_worse_is_unchanged(tmp_path):
     result = correct_forecasts(xr.concat([noise, biased], "variable"))
     assert result["ratio"].to_numpy()[0] == 0.0 < result["ratio"].to_numpy()[1]
     assert result["ratio_chosen"].to_numpy().tolist() == [1, 1]
-    left, taken = (result.isel(variable=k) for k in (0, 1))
-    np.testing.assert_array_equal(left["corrected_forecast"], left["forecast"])
-    judged = taken.isel({TIME: slice(30, None)})
+    uncorrected, corrected_variable = (result.isel(variable=k) for k in (0, 1))
+    np.testing.assert_array_equal(uncorrected["corrected_forecast"], uncorrected["forecast"])
+    judged = corrected_variable.isel({TIME: slice(30, None)})
     error = judged["corrected_forecast"] - judged["observation"]
     assert abs(float(error.mean())) < 0.5
-    given = correct_forecasts(noise, ratio=0.06)
-    assert not np.allclose(given["corrected_forecast"], given["forecast"])
+    forced = correct_forecasts(noise, ratio=0.06)
+    assert not np.allclose(forced["corrected_forecast"], forced["forecast"])
 
 
 def test_scores_by_hand():
@@ -147,13 +147,13 @@ def test_scores_of_stations_have_intervals_by_days():
     errors[0] += 2.0
     errors[1] += np.where(np.arange(60) % 2 < 1, 1.0, -1.0)[:, None] * 3.0
     errors[3] = np.nan
-    made = correct_forecasts(pairs(errors, leads=(12.0, 36.0)), ratio=0.4)
-    scored = score_forecasts(made)
+    forecasts = correct_forecasts(pairs(errors, leads=(12.0, 36.0)), ratio=0.4)
+    scored = score_forecasts(forecasts)
     dims = ("variable", "correction", "station", "bound")
     assert scored["skill_by_station_interval"].dims == dims
-    one = scored.isel(variable=0).sel(correction="kalman")
-    low, high = one["skill_by_station_interval"].to_numpy().T
-    skill = one["skill_by_station"].to_numpy()
+    kalman = scored.isel(variable=0).sel(correction="kalman")
+    low, high = kalman["skill_by_station_interval"].to_numpy().T
+    skill = kalman["skill_by_station"].to_numpy()
     assert ((low <= skill) & (skill <= high))[:3].all() and np.isnan(low[3])
     assert low[0] > 0.9 and high[1] < 0.0
     stations = station_distribution(scored, "air_temperature", "kalman")
@@ -161,9 +161,9 @@ def test_scores_of_stations_have_intervals_by_days():
     assert stations["surely_better"] == pytest.approx(1 / 3) and stations["surely_worse"] >= 1 / 3
     assert stations["rms_ratio_quantiles"][-1] == pytest.approx(np.sqrt(1.0 - skill[:3].min()))
     # The interval of a single station is that of all pairs where there is one station.
-    alone = score_forecasts(made.isel(station=[0]))
-    whole = alone["skill_interval"].sel(period="held_out", correction="kalman")[0]
-    np.testing.assert_allclose(whole, one["skill_by_station_interval"][0], rtol=1e-12)
+    single = score_forecasts(forecasts.isel(station=[0]))
+    interval = single["skill_interval"].sel(period="held_out", correction="kalman")[0]
+    np.testing.assert_allclose(interval, kalman["skill_by_station_interval"][0], rtol=1e-12)
 
 
 @pytest.fixture
@@ -183,7 +183,7 @@ def test_grib_at_grid_points_is_the_grids_value_turned_to_true_north(wrf):
     lat, lon = (ds[name].to_numpy()[rows, columns] for name in ("latitude", "longitude"))
     stations = pd.DataFrame({"station": list("abc"), "latitude": lat, "longitude": lon})
     table, skipped = forecasts_at_stations(wrf[:1], stations)
-    got = table.pivot(index="variable", columns="station", values="forecast")
+    forecasts = table.pivot(index="variable", columns="station", values="forecast")
     projected = Proj("+proj=lcc +lat_1=25 +lat_2=25 +lat_0=25 +lon_0=-95 +R=6367470")
     # pyproj counts the convergence from true to grid north, clockwise.
     angle = np.radians(projected.get_factors(lon, lat).meridian_convergence)
@@ -194,7 +194,7 @@ def test_grib_at_grid_points_is_the_grids_value_turned_to_true_north(wrf):
         "northward_wind": -np.sin(angle) * u + np.cos(angle) * v,
     }
     for name, values in expected.items():
-        np.testing.assert_allclose(got.loc[name], values, atol=0.02)
+        np.testing.assert_allclose(forecasts.loc[name], values, atol=0.02)
     assert abs(angle).max() > 0.05 and skipped == {}
 
 
@@ -218,15 +218,15 @@ def test_grib_forecasts_meet_observations(wrf, tmp_path):
         (np.nan, "wind_speed", 21.0, 0),
         (293.15, "air_temperature", 0.0, 1),
     ):
-        one = at.isel({TIME: start}).sel(variable=variable, lead=lead).item()
-        assert one == pytest.approx(expected, nan_ok=True), (variable, lead)
+        observation = at.isel({TIME: start}).sel(variable=variable, lead=lead).item()
+        assert observation == pytest.approx(expected, nan_ok=True), (variable, lead)
     output = ds.attrs["lines_left_out"]
     assert output["stations without a forecast: NRT"] == 1
     assert output["wind_speed out of range"] == 1
 
 
 @pytest.mark.parametrize(
-    ("text", "what"),
+    ("text", "message"),
     [
         ("", "a table without lines"),
         ("station,start,lead,forecast\nA,2009-01-01,3,1\n", "no column observation"),
@@ -236,10 +236,10 @@ def test_grib_forecasts_meet_observations(wrf, tmp_path):
         ("just some words\nthat are no table at all\n", "not a table"),
     ],
 )
-def test_bad_tables_are_refused(tmp_path, text, what):
+def test_bad_tables_are_refused(tmp_path, text, message):
     file = tmp_path / "pairs.csv"
     file.write_text(text)
-    with pytest.raises(InputError, match=what) as error:
+    with pytest.raises(InputError, match=message) as error:
         pairs_from_tables([file])
     assert str(file) in str(error.value) and len(str(error.value)) < 2000
 

@@ -19,15 +19,15 @@ class FatalError(RuntimeError):
 
 def raw(text):
     """Every value as read, and the platform by the reader's rules."""
-    lines, found, last = Lines(text), [], -np.inf
+    lines, reports, previous = Lines(text), [], -np.inf
     while True:
         try:
-            report = _report(lines, len(found) + 1)
+            report = _report(lines, len(reports) + 1)
         except FileEndError:
-            return found
-        report["chronological"] = report["seconds"] >= last
-        last = report["seconds"]
-        found.append(report)
+            return reports
+        report["chronological"] = report["seconds"] >= previous
+        previous = report["seconds"]
+        reports.append(report)
 
 
 def _report(lines, number):
@@ -39,12 +39,12 @@ def _report(lines, number):
     if not date.isdigit():
         raise FatalError(f"Bad ODATE: {date!r}")
     try:
-        return _rest(lines, number, date, moment)
+        return _body(lines, number, date, moment)
     except (FileEndError, ReadError) as err:
         raise FatalError(str(err) or "end of file in a report") from err
 
 
-def _rest(lines, number, date, moment):
+def _body(lines, number, date, moment):
     report = {
         "n": number,
         "date": date,
@@ -95,5 +95,5 @@ def _plfo(platform):
 
 
 def _level(line, pairs):
-    part = (("value", 11, 3), ("", 1, "a"), ("qc", 11, 3))
-    return [tuple(fields(line[1 + 24 * k :], *part).values()) for k in range(pairs)]
+    layout = (("value", 11, 3), ("", 1, "a"), ("qc", 11, 3))
+    return [tuple(fields(line[1 + 24 * k :], *layout).values()) for k in range(pairs)]

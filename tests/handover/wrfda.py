@@ -23,14 +23,14 @@ def formats(lines):
     """Read up to the formats and the one line behind them."""
     while not lines.next().startswith("EACH  "):
         pass
-    found = {}
+    by_section = {}
     for name in ("info", "srfc", "each"):
-        found[name] = lines.next()[11:].strip()
+        by_section[name] = lines.next()[11:].strip()
     skipped = lines.next()
-    found["skipped"] = skipped.rstrip()
+    by_section["skipped"] = skipped.rstrip()
     if skipped.startswith("MODIFIED FILTERED OBS"):
         raise NotImplementedError("winds as components")
-    return found
+    return by_section
 
 
 def read(text):
@@ -55,30 +55,30 @@ def read(text):
 
 
 def _info(line):
-    found = fields(
+    header = fields(
         line,
         *(("platform", 12, "a"), ("", 1, "a"), ("date", 19, "a"), ("", 1, "a"), ("name", 40, "a")),
         *(("", 1, "a"), ("count", 6, "i"), ("lat", 12, 3), ("", 11, "a"), ("lon", 12, 3)),
         *(("", 11, "a"), ("elv", 12, 3), ("", 17, "a"), ("id", 40, "a")),
     )
-    if found["lon"] == 180.0:
-        found["lon"] = -180.0
+    if header["lon"] == 180.0:
+        header["lon"] = -180.0
     code = line[3:5] if line[5] == " " else line[3:6]
     try:
-        found["fm"] = integer(code)
+        header["fm"] = integer(code)
     except ReadError as err:
         raise CrashError(str(err)) from err
-    return found
+    return header
 
 
 def _surface(line):
-    part = (("value", 12, 3), ("qc", 4, "i"), ("error", 7, 2))
-    fields(line, *part), fields(line[23:], *part[:2], ("error", 7, 3))
+    layout = (("value", 12, 3), ("qc", 4, "i"), ("error", 7, 2))
+    fields(line, *layout), fields(line[23:], *layout[:2], ("error", 7, 3))
 
 
 def _level(line):
-    part = (("value", 12, 3), ("qc", 4, "i"), ("error", 7, 2))
-    return {name: tuple(fields(line[first:], *part).values()) for name, first in COLUMNS.items()}
+    layout = (("value", 12, 3), ("qc", 4, "i"), ("error", 7, 2))
+    return {name: tuple(fields(line[first:], *layout).values()) for name, first in COLUMNS.items()}
 
 
 def _assigned(report):
