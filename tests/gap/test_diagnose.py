@@ -239,7 +239,7 @@ def test_an_effect_that_changes_no_mean_is_sized_and_closed(values, aircraft, no
     parts = {"parts": [upper] if aircraft else []}
     outside = effect("outside", aircraft, **parts, **values)
     frame, before = (
-        make_frame(seed=7, aircraft=5, days=14, effects=effects, noise=noise)
+        make_frame(seed=7, aircraft=5, days=28, effects=effects, noise=noise)
         for effects in ((outside,), ())
     )
     report = diagnose(frame, catalogue=SMALL).report
@@ -306,13 +306,14 @@ def test_a_simple_error_outside_the_catalogue_is_not_named_by_a_richer_effect(
 
 
 def test_an_aircraft_without_reports_hides_no_effect():
-    frame = archive(effect("compass_offset", offset_deg=1.5), effect("tas_scale", [2], scale=0.03))
+    iron = effect("hard_iron", [2], amplitude_deg=1.5, phase_deg=40.0)
+    frame = archive(effect("compass_offset", offset_deg=1.5), iron)
     fields = {name: np.append(getattr(frame, name), np.nan) for name in AIRCRAFT_FIELDS}
     frame = replace(frame, tails=(*frame.tails, "N999"), **fields)
     report = diagnose(frame, catalogue=SMALL, dictionary=False).report
     claims = {entry.name: entry.tails for entry in report.effects}
-    assert set(claims) == {"compass_offset", "tas_scale"}
-    assert claims["tas_scale"] == [frame.tails[2]]
+    assert set(claims) == {"compass_offset", "hard_iron"}
+    assert claims["hard_iron"] == [frame.tails[2]]
 
 
 def test_changes_have_their_own_dates():
@@ -326,7 +327,7 @@ def test_changes_have_their_own_dates():
     report = diagnose(frame, catalogue=SMALL, dictionary=False).report
     assert {entry.name for entry in report.effects} == {"compass_step"}
     changes = {
-        (tail, round((np.datetime64(active.period[0], "D") - START).astype(int)))
+        (tail, int((np.datetime64(int(active.period[0]), "s") - START) // np.timedelta64(1, "D")))
         for active in active_effects(report)
         for tail in active.tails
     }
