@@ -124,7 +124,7 @@ def sampling_covariance(fit: xr.Dataset) -> Floats:
     if int(fit["status"]) == STATUS["offset_only"]:
         change = held_out[:, 0] - deviation[0]
         # parts without reports do not change the constant
-        variance = (1.0 - 1.0 / max(np.count_nonzero(change), 1)) * float(change @ change)
+        variance = (1.0 - 1.0 / max(int(np.count_nonzero(change)), 1)) * float(change @ change)
         stated = float(fit["offset_standard_error"]) ** 2
         covariance[0, 0] = variance if variance > 0.0 else stated
     return np.asarray(covariance, dtype=np.float64)
