@@ -88,7 +88,8 @@ def _step(value: float, scatter: float, doubt: tuple[float, float], unseen: floa
     error, cost = doubt
     # as stated, with two decimals, a value lies within its interval
     half = NORMAL_95 * float(np.hypot(scatter, error)) + 0.005
-    return ClosesEntry(value, [value - half, value + half + cost + unseen * max(value, 0.0)])
+    high = float(value + half + cost + unseen * max(value, 0.0))
+    return ClosesEntry(value, [value - half, high])
 
 
 def _missed_ratio(fitted: Fitted, claim: Sequence[int]) -> float:
