@@ -71,25 +71,20 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
     unseen = [_missed_ratio(fitted, claim) for claim in claims]
 
     def step(first: int, last: int, doubt: tuple[float, float], unseen: float) -> ClosesEntry:
-        scatter = widening * float((drawn[first] - drawn[last]).std())
-        return _step(float(means[first] - means[last]), scatter, doubt, unseen)
+        value, scatter = float(means[first] - means[last]), (drawn[first] - drawn[last]).std()
+        error, cost = doubt
+        # as stated, with two decimals, a value lies within its interval
+        half = NORMAL_95 * float(np.hypot(widening * scatter, error)) + 0.005
+        return ClosesEntry(value, [value - half, value + half + cost + unseen * max(value, 0.0)])
 
     steps = tuple(step(j, j + 1, doubt[j], unseen[j]) for j in range(len(claims)))
     missed = sum(
         share * max(step.reduction, 0.0) for share, step in zip(unseen, steps, strict=True)
     )
-    value = means[0] - means[-1]
-    share = missed / value if value > 0 else 0.0
+    value = float(means[0] - means[-1])
+    share = float(missed) / value if value > 0 else 0.0
     total = step(0, -1, doubt[-1] if claims else (0.0, 0.0), share)
     return Closure(float(means[0]), steps, total, residual)
-
-
-def _step(value: float, scatter: float, doubt: tuple[float, float], unseen: float) -> ClosesEntry:
-    error, cost = doubt
-    # as stated, with two decimals, a value lies within its interval
-    half = NORMAL_95 * float(np.hypot(scatter, error)) + 0.005
-    high = float(value + half + cost + unseen * max(value, 0.0))
-    return ClosesEntry(value, [value - half, high])
 
 
 def _missed_ratio(fitted: Fitted, claim: Sequence[int]) -> float:
@@ -109,7 +104,7 @@ def _missed_ratio(fitted: Fitted, claim: Sequence[int]) -> float:
             squared = RELIABILITY.get(name, 1.0)
             share *= 0.9 * (2 / np.pi * np.arcsin(np.sqrt(squared))) ** 2
         shares.append(share)
-    return 1.0 / min(shares) - 1.0
+    return float(1.0 / min(shares) - 1.0)
 
 
 def _coefficient_doubt(
