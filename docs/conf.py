@@ -67,7 +67,7 @@ def svg(latex: str, size: float) -> str:
     style = {"mathtext.fontset": "stix", "svg.fonttype": "path", "font.size": size}
     with matplotlib.rc_context(style):
         out = io.StringIO()
-        depth = math_to_image(f"${latex}$", out, format="svg", dpi=72)
+        depth = math_to_image(f"${' '.join(latex.split())}$", out, format="svg", dpi=72)
     element = out.getvalue()[out.getvalue().index("<svg") :].strip()
     element = element.replace("<svg", f'<svg role="img" style="vertical-align: -{depth}pt"', 1)
     return re.sub(r"(fill|stroke): #000000", r"\1: currentColor", element)

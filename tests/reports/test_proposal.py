@@ -44,7 +44,7 @@ def levels():
     angle = np.radians(TRUTH["direction"])
     return pd.DataFrame(
         {
-            "obs_time": (TIMES - pd.Timestamp(0)) // pd.Timedelta("1ms"),
+            "when": (TIMES - pd.Timestamp(0)) // pd.Timedelta("1ms"),
             "y": TRUTH["latitude"],
             "x": TRUTH["longitude"],
             "FL": np.array(TRUTH["pressure_altitude"]) / 30.48,
