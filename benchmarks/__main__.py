@@ -28,8 +28,8 @@ COMPARISONS = {"compare_products", "gap_paired"}
 
 
 def names():
-    found = {path.stem for path in Path(__file__).parent.glob("[a-z]*.py")}
-    return [*SHORT, *sorted(found - set(SHORT) - COMPARISONS)]
+    stems = {path.stem for path in Path(__file__).parent.glob("[a-z]*.py")}
+    return [*SHORT, *sorted(stems - set(SHORT) - COMPARISONS)]
 
 
 def main():
@@ -37,13 +37,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names())}")
     parser.add_argument("--long", action="store_true", help="at the sizes the bars are stated for")
-    given = parser.parse_args()
-    sizes = LONG if given.long else SHORT
-    unknown = [name for name in given.names if name not in names()]
+    options = parser.parse_args()
+    sizes = LONG if options.long else SHORT
+    unknown = [name for name in options.names if name not in names()]
     if unknown:
         parser.error(f"no benchmark {unknown[0]!r}; known: {', '.join(names())}")
     missed = []
-    for name in given.names or names():
+    for name in options.names or names():
         command = [sys.executable, "-m", f"benchmarks.{name}", *sizes.get(name, [])]
         print(f"\n== {' '.join(['python', *command[1:]])}", flush=True)
         began = time.perf_counter()

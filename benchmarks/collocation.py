@@ -108,14 +108,14 @@ def collocated(paths, reports, caches):
     collocate(reports, {"ruc": catalogue}).compute(scheduler="synchronous")
 
 
-def ratio(work, plain, repeats):
+def ratio(work, baseline, repeats):
     """Least processor time of some runs of each, taken in turn: their ratio, and seconds."""
     times = [[], []]
     for _ in range(repeats):
-        for own, run in zip(times, (work, plain), strict=True):
+        for durations, run in zip(times, (work, baseline), strict=True):
             start = time.process_time() + guarded(time.process_time)
             run()
-            own.append(time.process_time() + guarded(time.process_time) - start)
+            durations.append(time.process_time() + guarded(time.process_time) - start)
     return min(times[0]) / min(times[1]), min(times[0])
 
 
@@ -139,11 +139,11 @@ def main():
             for label in PACKINGS
             if label != "GRIB1 simple"
         ]
-        for label, own, bar in jobs:
-            reports = some_reports(len(own)) if len(own) > 1 else some_reports(1)
+        for label, inputs, bar in jobs:
+            reports = some_reports(len(inputs)) if len(inputs) > 1 else some_reports(1)
             value, seconds = ratio(
-                lambda own=own, reports=reports: collocated(own, reports, caches),
-                lambda own=own: decode(own),
+                lambda inputs=inputs, reports=reports: collocated(inputs, reports, caches),
+                lambda inputs=inputs: decode(inputs),
                 options.repeats,
             )
             rows.append({"what": label, "ratio": value, "bar": bar, "seconds": seconds})

@@ -46,12 +46,12 @@ def reports_of(folder, product):
         with xr.open_dataset(path) as ds:
             names = np.repeat(ds["aircraft"].values.astype(str), ds["row_size"].values)
             parts.append(ds.drop_dims("aircraft").load().assign(aircraft=("report", names)))
-    names = set.intersection(*({str(name) for name in part.variables} for part in parts))
-    whole = xr.concat(
-        [part[sorted(names)] for part in parts], "report", coords="minimal", compat="override"
+    names = set.intersection(*({str(name) for name in month.variables} for month in parts))
+    joined = xr.concat(
+        [month[sorted(names)] for month in parts], "report", coords="minimal", compat="override"
     )
-    order = np.lexsort((whole["time"].values, whole["aircraft"].values))
-    return whole.isel(report=order)
+    order = np.lexsort((joined["time"].values, joined["aircraft"].values))
+    return joined.isel(report=order)
 
 
 def matched(before, after):
@@ -62,9 +62,9 @@ def matched(before, after):
         )
         for ds in (before, after)
     ]
-    both = keys[0].intersection(keys[1])
-    return before.isel(report=keys[0].get_indexer(both)), after.isel(
-        report=keys[1].get_indexer(both)
+    common = keys[0].intersection(keys[1])
+    return before.isel(report=keys[0].get_indexer(common)), after.isel(
+        report=keys[1].get_indexer(common)
     )
 
 
@@ -99,13 +99,13 @@ def of_reports(before, after):
     changed = int((a["screening"].values != b["screening"].values).sum())
     yield Difference("screening", changed, 0, "reports screened otherwise")
     a, b = matched(reports_of(before, "corrected"), reports_of(after, "corrected"))
-    other = rounded_otherwise(before, after, a.attrs["correction_reference"])
-    same = ~np.isin(a["aircraft"].values, other)
+    rounded = rounded_otherwise(before, after, a.attrs["correction_reference"])
+    same = ~np.isin(a["aircraft"].values, rounded)
     a, b = a.isel(report=same), b.isel(report=same)
-    note = f"without {', '.join(other)}: another table" if other else ""
+    note = f"without {', '.join(rounded)}: another table" if rounded else ""
     for name in ("corrected_eastward_wind", "corrected_northward_wind"):
-        found = largest(name, a[name], b[name], CORRECTED)
-        yield replace(found, note=found.note or note)
+        difference = largest(name, a[name], b[name], CORRECTED)
+        yield replace(difference, note=difference.note or note)
     name = "corrected_wind_standard_error"
     yield ratio(name, a[name], b[name])
 
@@ -136,12 +136,12 @@ def of_fits(before, after):
 
 def estimates(folder):
     """Estimates with a standard error: of the fleet between references, and of reports."""
-    found = {}
+    values = {}
     path = folder / "sensitivity.json"
     for pair in json.loads(path.read_text())["pairs"] if path.exists() else []:
         for name, value in pair["fleet"]["difference"].items():
             where = f"{'/'.join(pair['references'])} {name}"
-            found[where] = (value, pair["fleet"]["standard_error"][name])
+            values[where] = (value, pair["fleet"]["standard_error"][name])
     path = folder / "observation_errors.nc"
     if path.exists():
         with xr.open_dataset(path) as ds:
@@ -150,8 +150,8 @@ def estimates(folder):
             for index in np.ndindex(error.shape):
                 value = float(error.values[index])
                 if np.isfinite(value):
-                    found[f"observation error {index}"] = (value, float(width[index]))
-    return found
+                    values[f"observation error {index}"] = (value, float(width[index]))
+    return values
 
 
 def of_evaluation(before, after):
@@ -165,8 +165,9 @@ def of_evaluation(before, after):
 
 
 def compared(before, after):
-    found = [*of_reports(before, after), *of_fits(before, after), *of_evaluation(before, after)]
-    rows = [(d.name, d.largest, d.allowed, d.ok, d.note) for d in found]
+    comparisons = of_reports, of_fits, of_evaluation
+    differences = [d for compare in comparisons for d in compare(before, after)]
+    rows = [(d.name, d.largest, d.allowed, d.ok, d.note) for d in differences]
     return pd.DataFrame(rows, columns=["quantity", "largest", "allowed", "ok", "note"])
 
 

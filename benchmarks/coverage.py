@@ -51,21 +51,21 @@ def main():
     parser.add_argument("--days", type=int, default=40)
     parser.add_argument("--references", type=int, default=1)
     parser.add_argument("--hub-and-spoke", action="store_true")
-    given = parser.parse_args()
+    options = parser.parse_args()
     setting = Setting(
-        aircraft=given.aircraft,
-        days=given.days,
+        aircraft=options.aircraft,
+        days=options.days,
         flights_a_day=4,
-        references=given.references,
+        references=options.references,
         day_error=0.5,
         outliers=0.01,
-        hub_and_spoke=given.hub_and_spoke,
+        hub_and_spoke=options.hub_and_spoke,
     )
-    pools = {"pool": ["ruc", "rtfdaa"]} if given.references > 1 else {}
-    found = [one_fleet(setting, seed, pools) for seed in range(given.fleets)]
-    error, spread = (np.concatenate(part) for part in zip(*found, strict=True))
+    pools = {"pool": ["ruc", "rtfdaa"]} if options.references > 1 else {}
+    fleets = [one_fleet(setting, seed, pools) for seed in range(options.fleets)]
+    error, spread = (np.concatenate(column) for column in zip(*fleets, strict=True))
     fitted = np.isfinite(error[:, 0])
-    print(f"{given.fleets} fleets, {fitted.sum()} of {fitted.size} aircraft fitted")
+    print(f"{options.fleets} fleets, {fitted.sum()} of {fitted.size} aircraft fitted")
     good = True
     for k, name in enumerate(NAMES):
         e, s = error[fitted, k], spread[fitted, k]

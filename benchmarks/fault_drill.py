@@ -53,11 +53,11 @@ def finish(config):
 
 def family(parent):
     """A process and the worker processes below it (Linux)."""
-    found = [parent]
-    for number in found:
+    processes = [parent]
+    for number in processes:
         for task in Path(f"/proc/{number}/task").glob("*/children"):
-            found += [int(child) for child in task.read_text().split()]
-    return found
+            processes += [int(child) for child in task.read_text().split()]
+    return processes
 
 
 def kill_at(config, moment, pick):
@@ -76,27 +76,27 @@ def kill_at(config, moment, pick):
 
 
 def files_of(folder):
-    found = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
-    return {str(name) for name in found if name.parts[0] not in NOTES}
+    files = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+    return {str(name) for name in files if name.parts[0] not in NOTES}
 
 
-def differences(one, other):
-    found = [f"only in one: {name}" for name in sorted(files_of(one) ^ files_of(other))]
-    for name in sorted(files_of(one) & files_of(other)):
-        first, second = one / name, other / name
+def differences(before, after):
+    lines = [f"only in one: {name}" for name in sorted(files_of(before) ^ files_of(after))]
+    for name in sorted(files_of(before) & files_of(after)):
+        first, second = before / name, after / name
         if first.suffix == ".nc":
-            found += [f"{name}: {what}" for what in product_differences(first, second)]
+            lines += [f"{name}: {difference}" for difference in product_differences(first, second)]
         elif first.suffix not in SKIPPED and first.read_bytes() != second.read_bytes():
-            found.append(name)
-    return found
+            lines.append(name)
+    return lines
 
 
-def product_differences(one, other):
+def product_differences(before, after):
     options = {"engine": "netcdf4", "decode_cf": False}
-    with xr.open_dataset(one, **options) as a, xr.open_dataset(other, **options) as b:
+    with xr.open_dataset(before, **options) as a, xr.open_dataset(after, **options) as b:
         if set(a.variables) != set(b.variables):
             return ["other variables"]
-        found = [
+        names = [
             str(name)
             for name in a.variables
             if a[name].dtype != b[name].dtype
@@ -106,7 +106,7 @@ def product_differences(one, other):
             or not xr.Dataset(attrs=a[name].attrs).identical(xr.Dataset(attrs=b[name].attrs))
         ]
         keys = (set(a.attrs) | set(b.attrs)) - IDENTIFIERS
-        return found + [f"attribute {key}" for key in keys if a.attrs.get(key) != b.attrs.get(key)]
+        return names + [f"attribute {key}" for key in keys if a.attrs.get(key) != b.attrs.get(key)]
 
 
 def drill(config, *, kills, seed=1):
@@ -122,14 +122,14 @@ def drill(config, *, kills, seed=1):
         shutil.rmtree(config.parent / "cache", ignore_errors=True)
         for _ in range(min(PER_RUN, kills - done)):
             moment = pick.uniform(0.0, undisturbed)
-            what = kill_at(config, moment, pick)
-            done += what != "ended before"
-            print(f"kill {done:3d}: {what} at {moment:6.1f} s of {undisturbed:.1f}", flush=True)
+            outcome = kill_at(config, moment, pick)
+            done += outcome != "ended before"
+            print(f"kill {done:3d}: {outcome} at {moment:6.1f} s of {undisturbed:.1f}", flush=True)
         seconds = finish(config)
-        found = differences(truth, output)
-        wrong += found
+        lines = differences(truth, output)
+        wrong += lines
         compared += 1
-        print(f"continued to its end in {seconds:.1f} s: {found or 'equal'}", flush=True)
+        print(f"continued to its end in {seconds:.1f} s: {lines or 'equal'}", flush=True)
     return {"seconds": undisturbed, "kills": done, "runs": compared, "differences": wrong}
 
 
@@ -150,12 +150,12 @@ def main():
         config = folder / "config.yaml"
         content = yaml.safe_load(config.read_text()) | {"compute": {"workers": options.workers}}
         config.write_text(yaml.safe_dump(content))
-        found = drill(config, kills=options.kills, seed=options.seed)
+        result = drill(config, kills=options.kills, seed=options.seed)
     print(
-        f"fault drill: {found['kills']} kills over {found['runs']} runs of {options.days} days "
-        f"({found['seconds']:.0f} s undisturbed): {len(found['differences'])} differences"
+        f"fault drill: {result['kills']} kills over {result['runs']} runs of {options.days} days "
+        f"({result['seconds']:.0f} s undisturbed): {len(result['differences'])} differences"
     )
-    if found["differences"]:
+    if result["differences"]:
         raise SystemExit(1)
 
 

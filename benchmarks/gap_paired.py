@@ -54,12 +54,12 @@ def prepare(folder: Path, cases: int, seed: int, real: Path | None) -> None:
         worlds.setdefault(case.world, []).append(case)
     # one archive of every world in turn, so that a set that is cut short holds every kind
     archivists = {world: Archivist(folder / "made", real) for world in worlds}
-    for turn in range(max(len(own) for own in worlds.values())):
-        for world, own in worlds.items():
-            if turn >= len(own) or (folder / f"{own[turn].name}.npz").exists():
+    for turn in range(max(len(of_world) for of_world in worlds.values())):
+        for world, of_world in worlds.items():
+            if turn >= len(of_world) or (folder / f"{of_world[turn].name}.npz").exists():
                 continue
             began = time.perf_counter()
-            case = own[turn]
+            case = of_world[turn]
             label = archivists[world].write(case)
             frame = headings_frame(folder / "made" / "cases" / case.name / "config.yaml")
             shutil.rmtree(folder / "made" / "cases" / case.name)
@@ -138,10 +138,10 @@ def score(label: Label, path: Path) -> tuple[dict[str, Any], dict[str, Any] | No
     gap, fleet = stored["gap"], World(0, "default", SIZE.days, SIZE.aircraft).tails
     if "failure" in gap:
         return score_case(label, None, failure=gap["failure"], fleet=fleet), None
-    found = score_case(label, gap, fleet=fleet)
-    found["log_score"] = log_score(label, gap)
-    found["seconds"], found["gigabytes"] = stored["seconds"], stored["gigabytes"]
-    return found, gap
+    scores = score_case(label, gap, fleet=fleet)
+    scores["log_score"] = log_score(label, gap)
+    scores["seconds"], scores["gigabytes"] = stored["seconds"], stored["gigabytes"]
+    return scores, gap
 
 
 def log_score(label: Label, gap: Mapping[str, Any]) -> float:
@@ -155,75 +155,74 @@ def log_score(label: Label, gap: Mapping[str, Any]) -> float:
     return float(np.mean(np.log2(np.clip(right, 1e-3, 1 - 1e-3))))
 
 
-def figures(label: Label, found: Mapping[str, Any]) -> dict[str, float]:
+def figures(label: Label, scores: Mapping[str, Any]) -> dict[str, float]:
     """Figures of one archive; those that do not apply are left out."""
-    out: dict[str, Any] = {"failed": bool(found["failure"])}
-    if found["failure"]:
+    out: dict[str, Any] = {"failed": bool(scores["failure"])}
+    if scores["failure"]:
         return {"failed": 1.0}
-    kind, unknown, false = label["kind"], found["unknown"], bool(found["false_names"])
-    out |= {"log score": found["log_score"], "false name": false}
+    kind, unknown, false = label["kind"], scores["unknown"], bool(scores["false_names"])
+    out |= {"log score": scores["log_score"], "false name": false}
     if kind == "null":
-        out["null: any claim"] = found["detected"]
+        out["null: any claim"] = scores["detected"]
     elif kind == "single":
-        out["single: first right"] = found["first_right"]
+        out["single: first right"] = scores["first_right"]
         if label["size"] >= 0.8:
-            out["single: first right (0.8 m/s and more)"] = found["first_right"]
-        out["single: in the set"] = bool(found["in_set"])
+            out["single: first right (0.8 m/s and more)"] = scores["first_right"]
+        out["single: in the set"] = bool(scores["in_set"])
     elif kind == "pair":
-        out["pair: both named"] = found["all_named"]
-        out["pair: first right"] = found["first_right"]
+        out["pair: both named"] = scores["all_named"]
+        out["pair: first right"] = scores["first_right"]
     elif kind == "removed":
         out["removed: raised, no false name"] = unknown and not false
     if kind in ("single", "pair"):
-        out |= {f"named: {k}": found[k] for k in ("precision", "recall", "parameter_error")}
-        if z := found["standardised_errors"]:
+        out |= {f"named: {k}": scores[k] for k in ("precision", "recall", "parameter_error")}
+        if z := scores["standardised_errors"]:
             out["parameters within two standard errors"] = np.mean(np.abs(z) < 2)
     if label["outside"] is not None:
-        right = bool(unknown and found["unknown_first"] and found["variable_first"])
+        right = bool(unknown and scores["unknown_first"] and scores["variable_first"])
         out |= {"outside: raised": unknown, "outside: right variable, no false name ahead": right}
         if unknown:
-            out |= {f"outside: {key}": found[key] for key in ("precision", "recall")}
+            out |= {f"outside: {key}": scores[key] for key in ("precision", "recall")}
     if kind not in ("null", "removed"):
         true = abs(label["closure"]["before"] - label["closure"]["after"])
-        out["closure: error, kt"] = found["closure_error"]
-        out["closure: relative error"] = found["closure_error"] / true if true >= 0.05 else None
-        if found["claimed"] or unknown:
-            out["closure: interval holds"] = found["closure_covered"]
-    if claims := found["claims"]:
+        out["closure: error, kt"] = scores["closure_error"]
+        out["closure: relative error"] = scores["closure_error"] / true if true >= 0.05 else None
+        if scores["claimed"] or unknown:
+            out["closure: interval holds"] = scores["closure_covered"]
+    if claims := scores["claims"]:
         out["Brier score of claims"] = np.mean([(p - right) ** 2 for _, p, right in claims])
-    out |= {name: found[name] for name in ("seconds", "gigabytes")}
+    out |= {name: scores[name] for name in ("seconds", "gigabytes")}
     return {name: float(value) for name, value in out.items() if value is not None}
 
 
 def compare(folder: Path, old: str, new: str) -> None:
     before, after = scored(folder, old), scored(folder, new)
-    both = sorted(before.keys() & after.keys())
-    print(
-        f"{len(both)} archives\n{'':52}{old:>10}{new:>10}{'change':>10}{'error':>8}{'n':>5}{'n':>5}"
-    )
-    a = {case: figures(*before[case][:2]) for case in both}
-    b = {case: figures(*after[case][:2]) for case in both}
-    keys = list(dict.fromkeys(key for case in both for key in [*a[case], *b[case]]))
+    common = sorted(before.keys() & after.keys())
+    print(f"{len(common)} archives")
+    print(f"{'':52}{old:>10}{new:>10}{'change':>10}{'error':>8}{'n':>5}{'n':>5}")
+    a = {case: figures(*before[case][:2]) for case in common}
+    b = {case: figures(*after[case][:2]) for case in common}
+    keys = list(dict.fromkeys(key for case in common for key in [*a[case], *b[case]]))
     for key in keys:
-        x = {c: a[c][key] for c in both if key in a[c]}
-        y = {c: b[c][key] for c in both if key in b[c]}
+        x = {c: a[c][key] for c in common if key in a[c]}
+        y = {c: b[c][key] for c in common if key in b[c]}
         paired = np.array([y[c] - x[c] for c in x if c in y])
         change = paired.mean() if paired.size else np.nan
         error = paired.std(ddof=1) / np.sqrt(paired.size) if paired.size > 1 else np.nan
-        mean = [np.mean(list(one.values())) if one else np.nan for one in (x, y)]
+        mean = [np.mean(list(values.values())) if values else np.nan for values in (x, y)]
         print(
             f"{key:52}{mean[0]:10.3f}{mean[1]:10.3f}{change:10.3f}{error:8.3f}{len(x):5}{len(y):5}"
         )
     for name, of in ((old, before), (new, after)):
         print(f"reliability of {name}:")
-        claims = [c for case in both if not of[case][1]["failure"] for c in of[case][1]["claims"]]
+        claims = [c for case in common if not of[case][1]["failure"] for c in of[case][1]["claims"]]
         p, right = np.array([c[1] for c in claims]), np.array([c[2] for c in claims])
         for low, high in ((0.0, 0.7), (0.7, 0.9), (0.9, 0.99), (0.99, 1.01)):
-            chosen = (p >= low) & (p < high)
-            if chosen.any():
+            selection = (p >= low) & (p < high)
+            if selection.any():
                 print(
-                    f"  stated {p[chosen].mean():.3f} right {right[chosen].mean():.3f}"
-                    f" ({chosen.sum()} claims)"
+                    f"  stated {p[selection].mean():.3f} right {right[selection].mean():.3f}"
+                    f" ({selection.sum()} claims)"
                 )
 
 
@@ -238,8 +237,8 @@ def calibrate(scores: Path) -> None:
 
     from airswing.gap.result.statement import CALIBRATION
 
-    found = [one for one in json.loads(scores.read_text())["scores"] if not one["failure"]]
-    claims = [(p, right) for one in found for _, p, right in one["claims"]]
+    cases = [case for case in json.loads(scores.read_text())["scores"] if not case["failure"]]
+    claims = [(p, right) for case in cases for _, p, right in case["claims"]]
     stated = np.clip([p for p, _ in claims], 1e-6, 1 - 1e-6)
     right = np.array([right for _, right in claims], float)
     logs = (np.log(stated / (1 - stated)) - CALIBRATION[0]) / CALIBRATION[1]
@@ -252,14 +251,14 @@ def calibrate(scores: Path) -> None:
     best = minimize(loss, np.array(START)).x
     print(f"CALIBRATION = ({best[0]:.2f}, {best[1]:.2f}) from {len(claims)} claims,")
     print(f"  {int(right.sum())} right, mean stated {stated.mean():.3f}")
-    z = np.concatenate([one.get("standardised_errors") or [0.0][:0] for one in found])
+    z = np.concatenate([case.get("standardised_errors") or [0.0][:0] for case in cases])
     print(f"{z.size} parameters, rms error in standard errors {np.sqrt(np.mean(z**2)):.2f}")
-    covered = [one["closure_covered"] for one in found if one["claimed"] or one["unknown"]]
+    covered = [case["closure_covered"] for case in cases if case["claimed"] or case["unknown"]]
     print(f"closure intervals hold {np.mean([c for c in covered if c is not None]):.2f}")
 
 
 def line(folder: Path, label: Label, target: Path) -> str:
-    found, gap = score(label, target / f"{label['name']}.json")
+    scores, gap = score(label, target / f"{label['name']}.json")
     truth = "; ".join(
         f"{e['name']}{'' if e['tails'] is None else len(e['tails'])}" for e in label["effects"]
     )
@@ -268,24 +267,24 @@ def line(folder: Path, label: Label, target: Path) -> str:
     size = "+".join(f"{s:.1f}" for s in label["sizes"])
     lead = f"{label['name']} {label['kind']:7} {label['world']:7} {truth} {size} {label['variant']}"
     if gap is None:
-        return f"{lead} | FAILED {found['failure']}"
+        return f"{lead} | FAILED {scores['failure']}"
     claims = [f"{e['name']}/{len(e['tails'])} {e['probability']:.2f}" for e in gap["effects"]]
     places = [
         f"?{'x'.join(p['variables'])}|{p['component']}/{len(p['tails'])}"
         for p in gap["unknown"]["where"]
     ]
     right = {
-        "null": not found["detected"],
-        "single": found["first_right"],
-        "pair": found["all_named"],
-        "outside": bool(found.get("variable_first")),
-        "removed": found["unknown"],
+        "null": not scores["detected"],
+        "single": scores["first_right"],
+        "pair": scores["all_named"],
+        "outside": bool(scores.get("variable_first")),
+        "removed": scores["unknown"],
     }[label["kind"]]
-    good = right and not found["false_names"]
+    good = right and not scores["false_names"]
     return (
         f"{'ok  ' if good else 'MISS'} {lead} | {', '.join(claims + places) or 'nothing'}"
-        f" | closes {found['closure_stated']:.2f} of {found['closure_true']:.2f} kt,"
-        f" {found['seconds']:.0f} s {found['gigabytes']:.1f} GB"
+        f" | closes {scores['closure_stated']:.2f} of {scores['closure_true']:.2f} kt,"
+        f" {scores['seconds']:.0f} s {scores['gigabytes']:.1f} GB"
     )
 
 
@@ -310,15 +309,15 @@ def main() -> int:
             sub.add_argument("--real", type=Path)
         if command == "run":
             sub.add_argument("--only", nargs="*", default=())
-    given = parser.parse_args()
-    if given.command == "prepare":
-        prepare(given.folder, given.cases, given.seed, given.real)
-    elif given.command == "run":
-        run(given.folder, given.name, given.only)
-    elif given.command == "compare":
-        compare(given.folder, given.old, given.new)
+    options = parser.parse_args()
+    if options.command == "prepare":
+        prepare(options.folder, options.cases, options.seed, options.real)
+    elif options.command == "run":
+        run(options.folder, options.name, options.only)
+    elif options.command == "compare":
+        compare(options.folder, options.old, options.new)
     else:
-        calibrate(Path(given.scores))
+        calibrate(Path(options.scores))
     return 0
 
 

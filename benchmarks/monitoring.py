@@ -36,25 +36,25 @@ SHAPES = ("offset", "one cycle", "A to E")
 NOTICED = (1, 2, 3, 5)
 
 
-def alarms(given):
+def alarms(options):
     aircraft, days = 100, 365
-    fleets = max(round(given.years * 365 / (aircraft * days)), 1)
+    fleets = max(round(options.years * 365 / (aircraft * days)), 1)
     years, good = fleets * aircraft * days / 365.0, True
     print(f"false alarms in 100 aircraft-years ({years:.0f} aircraft-years of each world)")
     print(f"{'world':32}  compass  fleet  wind  silent   all (95 % interval)")
     for k, (name, world) in enumerate(WORLDS.items()):
         counts = np.zeros(4)
         for fleet in range(fleets):
-            options = {"aircraft": aircraft, "days": days, "seed": given.seed + 1000 * k + fleet}
-            compass = watched(world, **options).tested
-            of, day, *_, number, logarithm = daily_sums(world, **options)
+            of_fleet = {"aircraft": aircraft, "days": days, "seed": options.seed + 1000 * k + fleet}
+            compass = watched(world, **of_fleet).tested
+            of, day, *_, number, logarithm = daily_sums(world, **of_fleet)
             wind = watch_fleet(of, day, number[:, None, None], logarithm[:, None], WIND, aircraft)
             order = np.lexsort((day, of))
             silent = first_days_and_silences(of[order], day[order], aircraft, days - 1)[1]
             counts += [
-                sum(one.number >= 0 for one in compass.alarms),
-                sum(one.number < 0 for one in [*compass.alarms, *wind.alarms]),
-                sum(one.number >= 0 and one.change[0] > 0 for one in wind.alarms),
+                sum(alarm.number >= 0 for alarm in compass.alarms),
+                sum(alarm.number < 0 for alarm in [*compass.alarms, *wind.alarms]),
+                sum(alarm.number >= 0 and alarm.change[0] > 0 for alarm in wind.alarms),
                 len(silent),
             ]
         total, rate = counts.sum(), 100.0 * counts / years
@@ -71,12 +71,12 @@ def alarms(given):
 
 def unit_change(shape, rng):
     """A change of A to E of 1 degree rms over all headings."""
-    found = rng.normal(size=5) * [1.0, 1.0, 1.0, 0.5, 0.5]
+    change = rng.normal(size=5) * [1.0, 1.0, 1.0, 0.5, 0.5]
     if shape == "offset":
-        found[1:] = 0.0
+        change[1:] = 0.0
     elif shape == "one cycle":
-        found[[0, 3, 4]] = 0.0
-    return found / np.sqrt(found[0] ** 2 + (found[1:] ** 2).sum() / 2.0)
+        change[[0, 3, 4]] = 0.0
+    return change / np.sqrt(change[0] ** 2 + (change[1:] ** 2).sum() / 2.0)
 
 
 def changed(aircraft, days, size, shape, rng, margin):
@@ -88,8 +88,8 @@ def changed(aircraft, days, size, shape, rng, margin):
     return change, when
 
 
-def noticed(given):
-    number, days, fleets, good = 50, 75, max(given.fleets // 16, 1), True
+def noticed(options):
+    number, days, fleets, good = 50, 75, max(options.fleets // 16, 1), True
     print(f"share noticed within so many days with reports ({10 * fleets} changes a line)")
     print("degrees rms  reports a day  shape       " + "".join(f"{k:>6}" for k in NOTICED))
     for reports in (10, 40):
@@ -97,14 +97,14 @@ def noticed(given):
         for size in (1.0, 2.0, 4.0):
             for k, shape in enumerate(SHAPES):
                 late = []
-                for fleet in range(given.seed + 77 * k, given.seed + 77 * k + fleets):
+                for fleet in range(options.seed + 77 * k, options.seed + 77 * k + fleets):
                     rng = np.random.default_rng([fleet])
                     change, when = changed(number, days, size, shape, rng, margin=15)
                     first = {}
                     watch = watched(world, aircraft=number, days=days, seed=fleet, change=change)
-                    for one in watch.tested.alarms:
-                        if one.night >= when.get(one.number, days):
-                            first.setdefault(one.number, one.night)
+                    for alarm in watch.tested.alarms:
+                        if alarm.night >= when.get(alarm.number, days):
+                            first.setdefault(alarm.number, alarm.night)
                     late += [first.get(k, day + 98) - day + 1 for k, day in when.items()]
                 shares = [(np.array(late) <= limit).mean() for limit in NOTICED]
                 line = "".join(f"{100 * share:5.0f}%" for share in shares)
@@ -113,48 +113,46 @@ def noticed(given):
     return good
 
 
-def changes(given):
+def changes(options):
     good = True
     print("fleets of 20 aircraft without a change that get one")
-    for days, fleets in ((45, given.fleets), (180, max(given.fleets // 5, 1))):
+    for days, fleets in ((45, options.fleets), (180, max(options.fleets // 5, 1))):
         for k, (name, world) in enumerate(WORLDS.items()):
             false = 0
             for fleet in range(fleets):
-                seed = given.seed + 5000 + 1000 * k + fleet
+                seed = options.seed + 5000 + 1000 * k + fleet
                 watch = watched(world, aircraft=20, days=days, seed=seed)
                 false += any(entry["changes"] for entry in watch.changes)
             print(f"  {days:3} days, {name:32} {false} of {fleets}", flush=True)
             good &= bool(false <= binom.ppf(0.99, fleets, 0.02))
-    fleets = max(given.fleets // 20, 1)
+    fleets = max(options.fleets // 20, 1)
     print(f"changes stated within 5 days, and intervals that contain the truth ({4 * fleets} each)")
     for name in ("usual", "routes turn with the weather"):
         for size in (1.0, 2.0):
             for shape in SHAPES:
                 stated, dated, sized, tried, false = 0, 0, [], 0, 0
                 for fleet in range(fleets):
-                    rng = np.random.default_rng([given.seed, fleet])
+                    rng = np.random.default_rng([options.seed, fleet])
                     change, when = changed(20, 180, size, shape, rng, margin=35)
-                    watch = watched(
-                        WORLDS[name], aircraft=20, days=180, seed=given.seed + fleet, change=change
-                    )
+                    of_fleet = {"aircraft": 20, "days": 180, "seed": options.seed + fleet}
+                    watch = watched(WORLDS[name], **of_fleet, change=change)
                     for k, entry in enumerate(watch.changes):
                         tried += k in when
-                        for one in entry["changes"]:
-                            low, day, high = (
-                                int(np.datetime64(date).astype("M8[D]").astype(int))
-                                for date in (one["date_ci"][0], one["date"], one["date_ci"][1])
-                            )
+                        for stated_change in entry["changes"]:
+                            low, high = stated_change["date_ci"]
+                            dates = np.array([low, stated_change["date"], high], "M8[D]")
+                            low, day, high = dates.astype(int)
                             if abs(day - when.get(k, -99)) > 5:
                                 false += 1
                                 continue
                             stated += 1
                             dated += low <= when[k] <= high
                             sized += [
-                                abs(one["change_deg"][c] - value) < 1.96 * error
+                                abs(stated_change["change_deg"][c] - value) < 1.96 * error
                                 for c, value, error in zip(
                                     "ABCDE",
                                     change[k, -1],
-                                    one["standard_error_deg"].values(),
+                                    stated_change["standard_error_deg"].values(),
                                     strict=True,
                                 )
                             ]
@@ -179,8 +177,8 @@ def main():
     parser.add_argument("--years", type=int, default=300, help="aircraft-years of every world")
     parser.add_argument("--fleets", type=int, default=100)
     parser.add_argument("--seed", type=int, default=60000)
-    given = parser.parse_args()
-    return 0 if all([PARTS[part](given) for part in given.part or PARTS]) else 1
+    options = parser.parse_args()
+    return 0 if all([PARTS[name](options) for name in options.part or PARTS]) else 1
 
 
 if __name__ == "__main__":

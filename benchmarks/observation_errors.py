@@ -78,15 +78,15 @@ def truth(headings, corrected, frame, state):
 def scored(seed, *, days, aircraft):
     """Truth, estimate and interval of the fleet and of every cell of one archive, by state."""
     headings, corrected, frame = archive(seed, days=days, aircraft=aircraft)
-    found = observation_errors(headings, corrected, pools=POOLS, reference="ruc+rtfdaa")
+    errors = observation_errors(headings, corrected, pools=POOLS, reference="ruc+rtfdaa")
     rows = []
     for state in STATES:
-        one = found.sel(state=state)
+        of_state = errors.sel(state=state)
         fleet, cells = truth(headings, corrected, frame, state)
-        bounds = one["fleet_observation_error_interval"].to_numpy()
-        rows.append((state, "fleet", fleet, one["fleet_observation_error"].item(), *bounds))
-        table = one["observation_error"].to_numpy()[1:]
-        intervals = one["observation_error_interval"].to_numpy()[1:]
+        bounds = of_state["fleet_observation_error_interval"].to_numpy()
+        rows.append((state, "fleet", fleet, of_state["fleet_observation_error"].item(), *bounds))
+        table = of_state["observation_error"].to_numpy()[1:]
+        intervals = of_state["observation_error_interval"].to_numpy()[1:]
         for place in zip(*np.nonzero(np.isfinite(table)), strict=True):
             rows.append((state, "cell", cells[place], table[place], *intervals[place]))
     columns = ["state", "what", "true", "found", "low", "high"]
@@ -100,23 +100,23 @@ def main():
     parser.add_argument("--first", type=int, default=700)
     parser.add_argument("--days", type=int, default=45)
     parser.add_argument("--aircraft", type=int, default=14)
-    given = parser.parse_args()
+    options = parser.parse_args()
     parts, good = [], True
-    for seed in range(given.first, given.first + given.seeds):
-        parts.append(scored(seed, days=given.days, aircraft=given.aircraft))
+    for seed in range(options.first, options.first + options.seeds):
+        parts.append(scored(seed, days=options.days, aircraft=options.aircraft))
         print(parts[-1].query("what == 'fleet'").round(3).to_string(header=False), flush=True)
     table = pd.concat(parts)
     table["relative"] = table["found"] / table["true"] - 1.0
     table["inside"] = (table["low"] <= table["true"]) & (table["true"] <= table["high"])
-    for (state, what), part in table.groupby(["state", "what"]):
-        rms, inside = float(np.sqrt((part["relative"] ** 2).mean())), float(part["inside"].mean())
-        error = part.groupby("seed")["inside"].mean().std() / np.sqrt(given.seeds)
+    for (state, scope), cases in table.groupby(["state", "what"]):
+        rms, inside = float(np.sqrt((cases["relative"] ** 2).mean())), float(cases["inside"].mean())
+        error = cases.groupby("seed")["inside"].mean().std() / np.sqrt(options.seeds)
         print(
-            f"{state}, {what}: {len(part)} cases, true {part['true'].mean():.2f} m/s, rms "
-            f"{100 * rms:.1f} %, mean {100 * part['relative'].mean():+.1f} %; 95 % intervals "
+            f"{state}, {scope}: {len(cases)} cases, true {cases['true'].mean():.2f} m/s, rms "
+            f"{100 * rms:.1f} %, mean {100 * cases['relative'].mean():+.1f} %; 95 % intervals "
             f"contain the truth in {100 * inside:.1f} +- {100 * error:.1f} %"
         )
-        good &= rms <= 0.10 and (what == "fleet" or 0.90 <= inside <= 0.98)
+        good &= rms <= 0.10 and (scope == "fleet" or 0.90 <= inside <= 0.98)
     return int(not good)
 
 

@@ -95,7 +95,7 @@ def triangle(headings):
 def complex_of(headings, name):
     """Eastward + i northward component of a vector at the reports (first reference)."""
     parts = [headings[name.format(way)].to_numpy() for way in ("eastward", "northward")]
-    east, north = (part[0] if part.ndim == 2 else part for part in parts)
+    east, north = (component[0] if component.ndim == 2 else component for component in parts)
     return east + 1j * north
 
 
@@ -172,9 +172,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folders", nargs="*", type=Path)
     folders = parser.parse_args().folders
-    with tempfile.TemporaryDirectory() as made:
+    with tempfile.TemporaryDirectory() as temporary:
         if not folders:
-            folders = [Path(made) / "sample"]
+            folders = [Path(temporary) / "sample"]
             write_archive(folders[0], days=25, aircraft=8, seed=11)
         judge(folders)
 
@@ -192,16 +192,18 @@ def judge(folders):
                 print(f"{folder.name} {name}: refused, {error.what}", flush=True)
                 named = {ratio: number + mistake for ratio, number in named.items()}
                 continue
-            findings, fits = judged(headings)
-            print(f"{folder.name} {name}: {fits} fits; {'; '.join(map(str, findings))}", flush=True)
+            named_first, fits = judged(headings)
+            print(
+                f"{folder.name} {name}: {fits} fits; {'; '.join(map(str, named_first))}", flush=True
+            )
             # impossible values are named by the reading
             notes = json.loads(headings.attrs["reading_audit"])["notes"]
             for ratio in RATIOS:
                 plausibility.RATIO = ratio
-                said = plausibility.plausibility(headings)
-                found = bool(notes) or any(one.likely and one.share == 1.0 for one in said)
-                named[ratio] += mistake and found
-                silent[ratio] += not mistake and not said
+                findings = plausibility.plausibility(headings)
+                of_all = any(item.likely and item.share == 1.0 for item in findings)
+                named[ratio] += mistake and (of_all or bool(notes))
+                silent[ratio] += not mistake and not findings
             plausibility.RATIO = usual
     for ratio in RATIOS:
         print(f"ratio {ratio}: {named[ratio]} of {wrong} named, {silent[ratio]} of {sound} silent")

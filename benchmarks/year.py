@@ -162,21 +162,20 @@ def run_on(folder, *, workers=1):
     return json.loads(done.stdout) | {"wall": time.perf_counter() - began}
 
 
-def shown(found, what):
-    reports, months = found["reports"]["usable"], found["months"]
-    print(f"\n{what}: {reports:,} reports; {len(months['made'])} months made")
+def shown(account, title):
+    reports, months = account["reports"]["usable"], account["months"]
+    print(f"\n{title}: {reports:,} reports; {len(months['made'])} months made")
     print(f"{'stage':<22}{'processor s':>12}{'peak MB':>9}")
     total = {}
-    for stage in found["stages"]:
+    for stage in account["stages"]:
         name = stage["name"].rstrip("-0123456789 ")  # months of a stage together
         before = total.get(name, [0.0, 0.0])
         total[name] = [before[0] + stage["processor"], max(before[1], stage["peak"])]
     for name, (seconds, peak) in total.items():
         print(f"{name:<22}{seconds:12.1f}{peak / 1e6:9.0f}")
     most = max(peak for _, peak in total.values())
-    print(
-        f"{'together':<22}{found['processor']:12.1f}{most / 1e6:9.0f}   wall {found['wall']:.0f} s"
-    )
+    used = f"{account['processor']:12.1f}{most / 1e6:9.0f}"
+    print(f"{'together':<22}{used}   wall {account['wall']:.0f} s")
 
 
 def main():
@@ -184,20 +183,20 @@ def main():
     parser.add_argument("--share", type=float, default=1.0, help="share of hours and of reports")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--measured", help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.measured:
-        measured(given.measured)
+    options = parser.parse_args()
+    if options.measured:
+        measured(options.measured)
         return
-    hours, reports = round(HOURS * given.share), round(REPORTS * given.share)
+    hours, reports = round(HOURS * options.share), round(REPORTS * options.share)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_fields(folder / "model", hours)
         write_reports(folder / "reports", reports, hours, AIRCRAFT)
         last = max((folder / "reports").iterdir())
         aside = last.rename(folder / last.name)
-        shown(run_on(folder, workers=given.workers), f"{hours:,} hours, all made")
+        shown(run_on(folder, workers=options.workers), f"{hours:,} hours, all made")
         aside.rename(last)
-        shown(run_on(folder, workers=given.workers), "one further night")
+        shown(run_on(folder, workers=options.workers), "one further night")
 
 
 if __name__ == "__main__":

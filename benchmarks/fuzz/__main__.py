@@ -51,7 +51,7 @@ def drawn(cases, seed, shares=SHARES):
     return [(kind, seed * 1_000_000 + number) for number, kind in enumerate(kinds)]
 
 
-def campaign(cases, kept):
+def campaign(cases, results):
     """Number of each outcome by kind; cases with a forbidden one are kept in a folder."""
     table = defaultdict(Counter)
     with tempfile.TemporaryDirectory(prefix="airswing-fuzz-") as name:
@@ -67,16 +67,16 @@ def campaign(cases, kept):
             shutil.rmtree(place, ignore_errors=True)
             place.mkdir()
             try:
-                found = guarded(answer, kind, seed, seeds, place)
+                outcome = guarded(answer, kind, seed, seeds, place)
             except WorkerEndedError as error:
-                found = {"end": "ended", "what": str(error)}
-            table[kind][found["end"]] += 1
-            if found["end"] in COLUMNS:
-                print(f"  {kind} {seed}: {found}", file=sys.stderr, flush=True)
-                if kept is not None:
-                    shutil.copytree(place, kept / f"case-{seed}", dirs_exist_ok=True)
-                    content = json.dumps({"kind": kind, "seed": seed, **found})
-                    (kept / f"case-{seed}.json").write_text(content)
+                outcome = {"end": "ended", "what": str(error)}
+            table[kind][outcome["end"]] += 1
+            if outcome["end"] in COLUMNS:
+                print(f"  {kind} {seed}: {outcome}", file=sys.stderr, flush=True)
+                if results is not None:
+                    shutil.copytree(place, results / f"case-{seed}", dirs_exist_ok=True)
+                    content = json.dumps({"kind": kind, "seed": seed, **outcome})
+                    (results / f"case-{seed}.json").write_text(content)
     return table
 
 

@@ -24,9 +24,9 @@ CELLS = [
 ]
 
 
-def mutated(kind, data, other, pick):
+def mutated(kind, data, donor, pick):
     """Damage the bytes of a file of some kind in one to four ways; ``other`` is spliced in."""
-    changes = [*BYTES, lambda d, p: _spliced(d, other, p)]
+    changes = [*BYTES, lambda d, p: _spliced(d, donor, p)]
     if kind.startswith("grib"):
         changes = [*changes, *GRIB, *GRIB, *GRIB]
     elif kind == "bufr":
@@ -89,8 +89,8 @@ def _swapped(data, pick):
     return data[:a] + data[b:c] + data[a:b] + data[c:]
 
 
-def _spliced(data, other, pick):
-    return data[: pick.randrange(len(data) + 1)] + other[pick.randrange(len(other) + 1) :]
+def _spliced(data, donor, pick):
+    return data[: pick.randrange(len(data) + 1)] + donor[pick.randrange(len(donor) + 1) :]
 
 
 BYTES = [_bits] * 3
@@ -98,7 +98,7 @@ BYTES += [_bytes, _cut, _inserted, _deleted, _doubled, _blanked, _swapped]
 
 
 def sections(data):
-    found, at = [], data.find(b"GRIB")
+    messages, at = [], data.find(b"GRIB")
     while 0 <= at < len(data) - 16:
         edition = data[at + 7]
         head, width = (8, 3) if edition == 1 else (16, 4)
@@ -112,9 +112,9 @@ def sections(data):
                 break
             message.append((place, min(length, len(data) - place)))
             place += length
-        found.append(message)
+        messages.append(message)
         at = data.find(b"GRIB", at + 4)
-    return found
+    return messages
 
 
 def _section(data, pick):
@@ -164,10 +164,11 @@ def _section_dropped(data, pick):
 
 
 def _sections_swapped(data, pick):
-    (a, one), (b, two) = sorted((_section(data, pick), _section(data, pick)))
-    if a + one > b:
+    (a, first), (b, second) = sorted((_section(data, pick), _section(data, pick)))
+    if a + first > b:
         return data
-    return data[:a] + data[b : b + two] + data[a + one : b] + data[a : a + one] + data[b + two :]
+    swapped = data[b : b + second] + data[a + first : b] + data[a : a + first]
+    return data[:a] + swapped + data[b + second :]
 
 
 def _message_doubled(data, pick):
@@ -242,7 +243,7 @@ def _yaml_key(data, pick):
 def _yaml_line(data, pick):
     lines = data.split(b"\n")
     number = pick.randrange(len(lines))
-    made = pick.choice(
+    line = pick.choice(
         (
             lines[number],
             b"\t" + lines[number],
@@ -254,7 +255,7 @@ def _yaml_line(data, pick):
             b"e: [*d, *d, *d, *d, *d, *d, *d, *d]",
         )
     )
-    return b"\n".join([*lines[: number + 1], made, *lines[number + pick.choice((1, 2)) :]])
+    return b"\n".join([*lines[: number + 1], line, *lines[number + pick.choice((1, 2)) :]])
 
 
 YAML = [_yaml_scalar, _yaml_scalar, _yaml_scalar, _yaml_key, _yaml_line]
@@ -290,10 +291,10 @@ def _csv_column(data, pick):
 def _csv_rows(data, pick):
     rows = data.split(b"\n")
     number = pick.randrange(len(rows))
-    made = pick.choice(
+    row = pick.choice(
         (rows[0], rows[number], rows[number] + b",1,2,3", b",,,", b'"' + rows[number])
     )
-    return b"\n".join([*rows[:number], made, *rows[number + 1 :]])
+    return b"\n".join([*rows[:number], row, *rows[number + 1 :]])
 
 
 CSV = [_csv_cell, _csv_cell, _csv_column, _csv_rows]

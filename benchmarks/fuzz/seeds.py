@@ -79,11 +79,11 @@ def make_seeds(folder):
         "bufr": bufr_file,
         "effects": lambda path: path.write_text(EFFECTS),
     }
-    made = {kind: folder / f"{number}.grib" for number, kind in enumerate(GRIBS)}
-    for kind, path in made.items():
+    paths = {kind: folder / f"{number}.grib" for number, kind in enumerate(GRIBS)}
+    for kind, path in paths.items():
         path.write_bytes(_grib(*GRIBS[kind]))
-    made |= _written(folder, makers) | make_dataset_seeds(folder) | _of_a_run(folder / "run")
-    return made | {"yaml": folder / "run" / "whole.yaml"}
+    paths |= _written(folder, makers) | make_dataset_seeds(folder) | _of_a_run(folder / "run")
+    return paths | {"yaml": folder / "run" / "whole.yaml"}
 
 
 def make_dataset_seeds(folder):
@@ -114,10 +114,10 @@ def make_dataset_seeds(folder):
 
 
 def _written(folder, makers):
-    made = {kind: folder / f"seed.{kind.replace(' ', '_')}" for kind in makers}
+    paths = {kind: folder / f"seed.{kind.replace(' ', '_')}" for kind in makers}
     for kind, make in makers.items():
-        make(made[kind])
-    return made
+        make(paths[kind])
+    return paths
 
 
 def _winds(levels):
@@ -128,7 +128,7 @@ def _winds(levels):
 
 
 def fields():
-    return [part.round(2).ravel() for level in zip(*_winds(3), strict=True) for part in level]
+    return [wind.round(2).ravel() for level in zip(*_winds(3), strict=True) for wind in level]
 
 
 def reports(count=60):
@@ -170,15 +170,15 @@ def _grib(edition, grid, packing, bitmap):
 def _model_levels(path):
     pv = np.concatenate([np.zeros(7), np.linspace(0.2, 1.0, 7)])
     level = {"typeOfFirstFixedSurface": 105}
-    made = [
+    messages = [
         build(LATLON, wind[k].ravel(), parameter=name, level=k + 1, extra=level, pv=pv, **RUN)
         for k in range(6)
         for name, wind in zip("uv", _winds(6), strict=True)
     ]
     surface = {"parameterCategory": 3, "parameterNumber": 25, "level": 1}
     log_pressure = np.full(NJ * NI, np.log(98_000.0))
-    made.append(build(LATLON, log_pressure, extra=surface | level, pv=pv, **RUN))
-    path.write_bytes(b"".join(made))
+    messages.append(build(LATLON, log_pressure, extra=surface | level, pv=pv, **RUN))
+    path.write_bytes(b"".join(messages))
 
 
 def _gaussian(path):
@@ -187,7 +187,7 @@ def _gaussian(path):
     grid = grid_keys("regular_gg", (64, 32), *corners, N=16, **SOUTHWARD)
     grid |= {"iDirectionIncrement": 5625000}
     y, x = np.mgrid[0:32, 0:64]
-    made = [
+    messages = [
         build(
             grid,
             (12.0 - 16 * n + 6 * np.sin(x / 4 + level) + 4 * np.cos(y / 5)).ravel(),
@@ -198,14 +198,14 @@ def _gaussian(path):
         for level in LEVELS
         for n in range(2)
     ]
-    path.write_bytes(b"".join(made))
+    path.write_bytes(b"".join(messages))
 
 
 def _surface(path):
     """Temperature at 2 m and wind at 10 m at two leads."""
     y, x = np.mgrid[0:NJ, 0:NI]
     parts = (((0, 0), 2, 285 + 3 * np.sin(x / 4)), ((2, 2), 10, 5 + y / 9), ((2, 3), 10, x / 9))
-    made = [
+    messages = [
         build(
             LATLON,
             values.ravel(),
@@ -216,7 +216,7 @@ def _surface(path):
         for lead in (3, 6)
         for (category, number), height, values in parts
     ]
-    path.write_bytes(b"".join(made))
+    path.write_bytes(b"".join(messages))
 
 
 def _latlon():
@@ -311,8 +311,8 @@ def _madis(path, kind):
             "temperature": table["temperature_degC"] + 273.15,
         }
         for name, values in numbers.items():
-            kept = file.createVariable(name, "f8" if name == "timeObs" else "f4", ("recNum",))
-            kept[:] = np.asarray(values)
+            variable = file.createVariable(name, "f8" if name == "timeObs" else "f4", ("recNum",))
+            variable[:] = np.asarray(values)
         for name in ("rollFlag", "tempError", "windDirError", "windSpeedError"):
             code = ord("G") if name == "rollFlag" else ord("p")
             file.createVariable(name, "i1", ("recNum",))[:] = np.full(size, code, dtype="i1")
@@ -372,8 +372,8 @@ def _of_a_run(folder):
     make_observation_errors(job, headings, corrected)
     headings.close()
     shutil.rmtree(folder / "truth", ignore_errors=True)
-    made = {}
+    products = {}
     for name in PRODUCTS:
         months = folder / "results" / name.removesuffix(".nc")
-        made[name] = next(months.glob("*.nc")) if months.is_dir() else months.with_suffix(".nc")
-    return made | {kind: folder for kind in KEPT}
+        products[name] = next(months.glob("*.nc")) if months.is_dir() else months.with_suffix(".nc")
+    return products | {kind: folder for kind in KEPT}

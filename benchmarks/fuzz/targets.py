@@ -46,9 +46,9 @@ OTHERS = (*DATASETS, *STATIONS, *EXPORTED, "error table")
 class FoundError(Exception):
     """A forbidden outcome: the campaign's column, and a description."""
 
-    def __init__(self, column, what):
-        super().__init__(column, what)
-        self.column, self.what = column, what
+    def __init__(self, column, description):
+        super().__init__(column, description)
+        self.column, self.what = column, description
 
 
 def case(kind, seed, seeds, folder):
@@ -57,18 +57,18 @@ def case(kind, seed, seeds, folder):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         end = _work(kind, pick, seeds, folder)
-    if left := [path.name for path in folder.rglob("*.part")]:
-        raise FoundError("half-written", ", ".join(left))
+    if partial := [path.name for path in folder.rglob("*.part")]:
+        raise FoundError("half-written", ", ".join(partial))
     return end
 
 
 def _work(kind, pick, seeds, folder):
     if kind in KEPT:
-        return _kept(kind, pick, seeds, folder)
+        return _run_state(kind, pick, seeds, folder)
     if kind == "whole command":
         return _command(pick, seeds, folder)
     if kind in OTHERS:
-        return _other(kind, pick, seeds, folder)
+        return _external_input(kind, pick, seeds, folder)
     if kind in (*GRIBS, "csv", "csv.gz") and pick.random() < COMPARED:
         return _refusable(lambda: _compared(kind, pick, seeds, folder))
     path = damaged(kind, pick, seeds, folder)
@@ -84,7 +84,7 @@ def _work(kind, pick, seeds, folder):
 
 
 def damaged(kind, pick, seeds, folder):
-    source, other = seeds[kind], seeds[pick.choice([*GRIBS, *TEXTS, *TABLES])]
+    source, donor = seeds[kind], seeds[pick.choice([*GRIBS, *TEXTS, *TABLES])]
     path = folder / f"damaged.{kind.replace(' ', '_').replace(',', '')}"
     if kind in STORES:
         shutil.copytree(source, path)
@@ -97,7 +97,7 @@ def damaged(kind, pick, seeds, folder):
         return path
     family = "csv" if kind in STATIONS else kind
     family = "grib" if "GRIB" in kind else family
-    path.write_bytes(mutated(family, source.read_bytes(), other.read_bytes(), pick))
+    path.write_bytes(mutated(family, source.read_bytes(), donor.read_bytes(), pick))
     return path
 
 
@@ -119,7 +119,7 @@ def _require_possible(east, north):
         raise FoundError("absurd winds", f"{int(absurd.sum())}, up to {np.nanmax(speed):.4g} m/s")
 
 
-def _other(kind, pick, seeds, folder):
+def _external_input(kind, pick, seeds, folder):
     """Datasets, stations, and inputs of exports."""
     path = damaged(kind, pick, seeds, folder)
     if kind in DATASETS:
@@ -131,10 +131,10 @@ def _other(kind, pick, seeds, folder):
     if kind == "station pairs":
         section = {"pairs": {"files": str(path)}}
     else:
-        given = {name: seeds[name] for name in STATIONS} | {kind: path}
+        paths = {name: seeds[name] for name in STATIONS} | {kind: path}
         section = {
-            "forecasts": {"files": str(given["station GRIB"])},
-            "stations": {"files": str(given["station observations"])},
+            "forecasts": {"files": str(paths["station GRIB"])},
+            "stations": {"files": str(paths["station observations"])},
         }
     config = folder / "config.yaml"
     config.write_text(yaml.safe_dump({"postprocess": section, "output": str(folder / "out")}))
@@ -163,8 +163,9 @@ def _winds(path, cache, **options):
     from airswing.reference.collocate import collocate
 
     catalogue = build_catalogue(str(path), name="ref", cache_dir=cache)
-    found = collocate(_places(), {"ref": catalogue}, **options).compute(scheduler="synchronous")
-    return found["reference_eastward_wind"], found["reference_northward_wind"]
+    lazy = collocate(_places(), {"ref": catalogue}, **options)
+    collocated = lazy.compute(scheduler="synchronous")
+    return collocated["reference_eastward_wind"], collocated["reference_northward_wind"]
 
 
 def _drawn(pick):
@@ -230,9 +231,9 @@ def _compared(kind, pick, seeds, folder):
     if kind in GRIBS:
         changed, number = _payload_changed(data, pick)
         path.write_bytes(changed)
-        found = _winds(path, folder / "cache", **_drawn(pick))
-        _require_possible(*found)
-        wrong = _others_differ(found, _sound_winds(seeds[kind]), number, kind == "grib2 PNG")
+        winds = _winds(path, folder / "cache", **_drawn(pick))
+        _require_possible(*winds)
+        wrong = _others_differ(winds, _sound_winds(seeds[kind]), number, kind == "grib2 PNG")
     else:
         number, sound = -1, _sound_reports(seeds["csv"])
         if kind == "csv":
@@ -269,15 +270,15 @@ def _payload_changed(data, pick):
     return data[:at] + bytes([data[at] ^ (1 << pick.randrange(8))]) + data[at + 1 :], number
 
 
-def _others_differ(found, sound, number, checksum):
+def _others_differ(winds, sound, number, checksum):
     """Describe winds that differ though their message (u and v by turns) was not changed."""
     level = LEVELS[number // 2] * 100.0
     nearest = np.sort(np.abs(LEVELS * 100.0 - level))[1]
-    apart = np.abs(_places()["pressure"].to_numpy() - level) > nearest
-    for ours, theirs in zip(map(np.asarray, found), map(np.asarray, sound), strict=True):
+    unaffected = np.abs(_places()["pressure"].to_numpy() - level) > nearest
+    for ours, theirs in zip(map(np.asarray, winds), map(np.asarray, sound), strict=True):
         same = (ours == theirs) | (np.isnan(ours) & np.isnan(theirs))
-        if not same[..., apart].all():
-            return f"{int((~same[..., apart]).sum())} winds of sound messages"
+        if not same[..., unaffected].all():
+            return f"{int((~same[..., unaffected]).sum())} winds of sound messages"
         if checksum and not (same | np.isnan(ours)).all():
             return f"{int((~same).sum())} winds of a stream with a checksum"
     return ""
@@ -301,14 +302,14 @@ def _by_tail(ds):
     return pd.DataFrame({name: ds[name].values for name in names}, index=tails)
 
 
-def _rows_differ(found, sound, changed):
+def _rows_differ(table, sound, changed):
     """Describe values that differ in rows that were not changed; absent rows are allowed."""
-    for name in found.columns:
-        ours = found[name]
+    for name in table.columns:
+        ours = table[name]
         theirs = sound[name].reindex(ours.index)
-        other = ~((ours == theirs) | (ours.isna() & theirs.isna())) & (ours.index != changed)
-        if other.any():
-            return f"{name} of {int(other.sum())} sound rows"
+        wrong = ~((ours == theirs) | (ours.isna() & theirs.isna())) & (ours.index != changed)
+        if wrong.any():
+            return f"{name} of {int(wrong.sum())} sound rows"
     return ""
 
 
@@ -347,10 +348,10 @@ def _export(kind, path, seeds, folder, pick):
     config.write_text(yaml.safe_dump(content))
     to = "reject_list" if kind == "reject list" else pick.choice(EXPORTS)
     base = path if kind == "reject list" else seeds["reject list"]
-    given = ("--base", str(base)) if to == "reject_list" else ()
+    base_option = ("--base", str(base)) if to == "reject_list" else ()
     winds = ("--winds", pick.choice(("corrected", "reported", "reported")))
     target = ("-o", str(folder / "exported"))
-    return ("export", str(config), "--to", to, *target, *winds, *given, "--quiet")
+    return ("export", str(config), "--to", to, *target, *winds, *base_option, "--quiet")
 
 
 def _product(kind, path, seeds, folder, pick):
@@ -377,7 +378,7 @@ def _truth(folder):
         return {str(name): ds[name].to_numpy() for name in ds.variables if name != "screening"}
 
 
-def _kept(kind, pick, seeds, folder):
+def _run_state(kind, pick, seeds, folder):
     run = seeds[kind]
     if kind == "header cache":
         return _header_cache(run, pick, folder)
@@ -400,9 +401,9 @@ def _resumed(config, truth):
 
     with make_headings(Job(load_config(config), Progress(quiet=True))) as headings:
         for name, values in truth.items():
-            found = headings[name].to_numpy()
-            same = found.shape == values.shape and (
-                np.array_equal(found, values, equal_nan=values.dtype.kind == "f")
+            stored = headings[name].to_numpy()
+            same = stored.shape == values.shape and (
+                np.array_equal(stored, values, equal_nan=values.dtype.kind == "f")
             )
             if not same:
                 raise FoundError("silent", f"{name} differs")
@@ -425,9 +426,9 @@ def _header_cache(run, pick, folder):
 def _catalogue(files, cache):
     from airswing.reference.catalogue import build_catalogue
 
-    made = build_catalogue(files, name="ruc", cache_dir=cache)
-    rows = made.valid, made.leads, made.bounds, made.rows
-    return b"".join(one.tobytes() for one in rows)
+    catalogue = build_catalogue(files, name="ruc", cache_dir=cache)
+    rows = catalogue.valid, catalogue.leads, catalogue.bounds, catalogue.rows
+    return b"".join(array.tobytes() for array in rows)
 
 
 _sound_catalogue = functools.cache(_catalogue)

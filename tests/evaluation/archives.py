@@ -52,7 +52,7 @@ def persistent_error(seed, days, *, size, persistence, columns=2):
     return lfilter([1.0], [1.0, -persistence], shock, axis=0)[60:]
 
 
-def moved(ds, reference, du, dv):
+def with_reference_error(ds, reference, du, dv):
     """Headings as they would be, were a reference's wind off by (du, dv) more, m/s a report."""
     k = list(ds["reference"].to_numpy()).index(reference)
     psi, airspeed = np.radians(ds["heading"].to_numpy()), ds["airspeed"].to_numpy()
@@ -100,5 +100,5 @@ def references(seed, setting, *, size=1.2, persistence=0.5, regional=None):
     for k, name in enumerate(ds["reference"].to_numpy().tolist()):
         seeds, bias = seed + 1000 * (k + 1), (regional or {}).get(name, 0.0)
         error = persistent_error(seeds, setting.days, size=size, persistence=persistence)
-        ds = moved(ds, name, error[day, 0] + bias * west, error[day, 1])
+        ds = with_reference_error(ds, name, error[day, 0] + bias * west, error[day, 1])
     return ds

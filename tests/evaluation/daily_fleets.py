@@ -68,7 +68,7 @@ def daily_sums(world, *, aircraft, days, seed, change=None):
     odd = w.wrong_curve * rng.normal(size=(aircraft, 6)) * np.repeat([1.0, 0.5, 0.25], 2)
     fixed = np.concatenate([rng.normal(0, 2, (aircraft, 3)), rng.normal(0, 0.5, (aircraft, 2))], 1)
     change = np.broadcast_to(0.0 if change is None else change, (aircraft, days, 5))
-    found = []
+    rows = []
     for day in range(days):
         of = np.flatnonzero(rng.random(aircraft) >= w.days_off)
         if not of.size:
@@ -105,11 +105,11 @@ def daily_sums(world, *, aircraft, days, seed, change=None):
         x, error = np.stack([cross, along]).reshape(*flown, -1), y.reshape(flown)
         normal = count * np.einsum("knfli,knflj->nfij", x, x, optimize=True)
         right = count * np.einsum("knfli,knfl->nfi", x, error, optimize=True)
-        normal, right = (part.sum(1) for part in without_flight_bias(normal, right))
+        normal, right = (by_flight.sum(1) for by_flight in without_flight_bias(normal, right))
         logarithm = count * np.log(np.hypot(*y)).sum(-1)
         total = np.full(of.size, float(w.reports))
-        found.append((of, np.full(of.size, day), normal, right, total, logarithm))
-    return tuple(np.concatenate(column) for column in zip(*found, strict=True))
+        rows.append((of, np.full(of.size, day), normal, right, total, logarithm))
+    return tuple(np.concatenate(column) for column in zip(*rows, strict=True))
 
 
 def _lasting(rng, world, shape):

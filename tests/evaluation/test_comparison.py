@@ -18,11 +18,11 @@ def test_references_of_equal_truth_are_poolable_and_intervals_contain_zero():
     # verdicts and differences of A to E do not depend on the fits: the quickest is used
     equal = [compare(references(seed, SETTING), pools=TWO, joint=False) for seed in range(5)]
     # of 95 % each; the benchmark measures the rate
-    assert sum(found["pairs"][0]["poolable"] for found in equal) >= 4
-    entries = [entry for found in equal for entry in found["pairs"][0]["aircraft"]]
+    assert sum(comparison["pairs"][0]["poolable"] for comparison in equal) >= 4
+    entries = [entry for comparison in equal for entry in comparison["pairs"][0]["aircraft"]]
     assert len(entries) >= 20
     for name in (*"ABCDE", "offset", "amplitude", "phase"):
-        bounds = [one[name]["ci"] if name in one else one["ci"][name] for one in entries]
+        bounds = [entry[name]["ci"] if name in entry else entry["ci"][name] for entry in entries]
         inside = np.mean([low <= 0 <= high for low, high in bounds])
         assert inside >= (0.84 if name in "ABCDE" else 0.75)
 
@@ -50,8 +50,8 @@ def test_nam_is_compared_and_never_called_poolable():
     pools = {**TWO, "nam": ["nam"], "ruc+rtfdaa": ["ruc", "rtfdaa"]}
     content = compare(ds, pools=pools, never_pool=["NAM"], joint=False)
     pairs = {tuple(pair["references"]): pair for pair in content["pairs"]}
-    for other in ("ruc", "rtfdaa"):
-        pair = pairs[other, "nam"]
+    for reference in ("ruc", "rtfdaa"):
+        pair = pairs[reference, "nam"]
         assert pair["poolable"] is False
         assert "never_pool" in pair["why"]
         assert len(pair["aircraft"]) == 8
@@ -71,9 +71,9 @@ def test_the_three_cornered_hat_by_hand_and_a_negative_variance():
     """Differences a-b, a-c, b-c with mean squares 1, 4, 9: (1+4-9)/2 = -2, (1+9-4)/2 = 3, 6."""
     count = np.array([100.0, 100.0])
     squares = {("a", "b"): 1.0 * count, ("a", "c"): 4.0 * count, ("b", "c"): 9.0 * count}
-    (found,) = hats_of(count, squares, ["a", "b", "c"])
-    assert [entry["variance"] for entry in found["errors"]] == pytest.approx([-2.0, 3.0, 6.0])
-    assert found["errors"][0]["component_rms"] is None
+    (hat,) = hats_of(count, squares, ["a", "b", "c"])
+    assert [entry["variance"] for entry in hat["errors"]] == pytest.approx([-2.0, 3.0, 6.0])
+    assert hat["errors"][0]["component_rms"] is None
 
 
 def test_a_regional_bias_by_hand():
@@ -103,9 +103,10 @@ def test_an_aircraft_of_one_day_decides_nothing():
     late = (aircraft_of_report(ds) == 7) & (day_number(ds) > 0)
     short = ds.assign(screening=("report", late.astype(np.int32)))
     without = ds.isel(report=aircraft_of_report(ds) < 7, aircraft=slice(7))
-    one, two = (compare(part, pools=TWO, joint=False)["pairs"][0] for part in (short, without))
-    assert [one["fleet"]["aircraft"], two["fleet"]["aircraft"]] == [8, 7]
-    assert len(one["aircraft"]) == 7
+    pairs = [compare(case, pools=TWO, joint=False)["pairs"][0] for case in (short, without)]
+    with_short, without_it = (pair["fleet"] for pair in pairs)
+    assert [with_short["aircraft"], without_it["aircraft"]] == [8, 7]
+    assert len(pairs[0]["aircraft"]) == 7
     for name in "ABCDE":
-        apart = one["fleet"]["difference"][name] - two["fleet"]["difference"][name]
-        assert abs(apart) < 0.5 * two["fleet"]["standard_error"][name]
+        difference = with_short["difference"][name] - without_it["difference"][name]
+        assert abs(difference) < 0.5 * without_it["standard_error"][name]

@@ -65,9 +65,9 @@ def test_nothing_after_the_date_reaches_the_fit(headings):
         ruined[name][:, late] = 40.0
     ruined["eastward_wind"][late] += 30.0
     options = {"learned_until": UNTIL, "draws": 20} | QUICK
-    one, two = (virtual_field_test(ds, **options) for ds in (headings, ruined))
-    assert one["predicted_gain_kt"] == two["predicted_gain_kt"]
-    assert one["realised_gain_kt"] != two["realised_gain_kt"]
+    test, test_of_ruined = (virtual_field_test(ds, **options) for ds in (headings, ruined))
+    assert test["predicted_gain_kt"] == test_of_ruined["predicted_gain_kt"]
+    assert test["realised_gain_kt"] != test_of_ruined["realised_gain_kt"]
 
 
 @pytest.mark.parametrize(
@@ -126,18 +126,18 @@ def test_held_out_days_agree_with_the_prediction(headings):
 @pytest.mark.parametrize("joint", [False, True])
 def test_coefficients_without_a_part_are_those_of_a_fit_without_it(headings, joint):
     """First order against a fit of the other reports: closer than a fifth of a standard error."""
-    whole = fit_deviation(headings, joint=joint).isel(reference=0)
-    error = np.sqrt(np.diagonal(whole["deviation_covariance"].to_numpy(), axis1=1, axis2=2))
+    complete = fit_deviation(headings, joint=joint).isel(reference=0)
+    error = np.sqrt(np.diagonal(complete["deviation_covariance"].to_numpy(), axis1=1, axis2=2))
     day = headings["time"].to_numpy().astype("datetime64[D]").astype(int)
-    for part in (0, 3):
-        again = fit_deviation(restrict(headings, day % 10 != part), joint=joint).isel(reference=0)
-        same = (again["harmonics"] == whole["harmonics"]).to_numpy()
+    for fold in (0, 3):
+        refit = fit_deviation(restrict(headings, day % 10 != fold), joint=joint).isel(reference=0)
+        same = (refit["harmonics"] == complete["harmonics"]).to_numpy()
         assert same.sum() >= 4
-        whole_apart, apart = (
-            np.abs((one - again["deviation"]).to_numpy() / error)[same]
-            for one in (whole["deviation"], whole["held_out_deviation"].isel(fold=part))
+        complete_difference, fold_difference = (
+            np.abs((deviation - refit["deviation"]).to_numpy() / error)[same]
+            for deviation in (complete["deviation"], complete["held_out_deviation"].isel(fold=fold))
         )
-        assert apart.max() < 0.2 < 0.6 < whole_apart.max()
+        assert fold_difference.max() < 0.2 < 0.6 < complete_difference.max()
 
 
 # --- expected gain and ranking ----------------------------------------------------------------
@@ -179,14 +179,14 @@ def test_coefficients_that_were_not_fitted_cost_no_gain(ranked):
     """A second cycle that is published as zero has a variance, but not from sampling."""
     fits = fit_deviation(ranked[0], joint=False).isel(reference=[0])
     wider = fits["deviation_covariance"] + np.diag([0.0, 0.0, 0.0, 1.0, 1.0])
-    one, two = (
-        {entry["aircraft"]: entry for entry in rank_aircraft(ranked[0], each, **AGAINST)}
-        for each in (fits, fits.assign(deviation_covariance=wider))
+    narrow, wide = (
+        {entry["aircraft"]: entry for entry in rank_aircraft(ranked[0], case, **AGAINST)}
+        for case in (fits, fits.assign(deviation_covariance=wider))
     )
     single = fits["aircraft"].to_numpy()[fits["harmonics"].to_numpy()[0] == 1]
     assert single.size >= 2
     for name in single:
-        assert one[name]["expected_gain_ci_kt"] == two[name]["expected_gain_ci_kt"]
+        assert narrow[name]["expected_gain_ci_kt"] == wide[name]["expected_gain_ci_kt"]
 
 
 def test_the_gain_of_a_constant_is_reduced_by_its_sampling_error_only():

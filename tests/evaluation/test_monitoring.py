@@ -263,8 +263,8 @@ def test_winds_that_grow_worse_are_reported_and_corrected_winds_are_what_counts(
 def test_aircraft_that_come_and_go():
     ds, _ = fleet(7, SMALL, amplitude=2.0)
     day, who = day_number(ds), aircraft_of_report(ds)
-    kept = ~((who == 0) & (day < 30)) & ~((who == 5) & (day > 33))
-    ds = some_reports(ds, kept)
+    present = ~((who == 0) & (day < 30)) & ~((who == 5) & (day > 33))
+    ds = some_reports(ds, present)
     fits, previous = fitted(ds), None
     for until, event in (
         ("2008-08-08", ("aircraft_new", "N000", "2008-07-31")),
@@ -273,7 +273,7 @@ def test_aircraft_that_come_and_go():
         previous = find_events(ds, fits, previous=previous, until=until)
         assert [(e.kind, e.aircraft, e.date) for e in previous.new_events] == [event]
     assert [state.silent for state in previous.states] == [False] * 5 + [True]
-    alone = some_reports(ds, (who != 2)[kept])
+    alone = some_reports(ds, (who != 2)[present])
     first = find_events(alone, fits)
     assert [e.aircraft for e in find_events(ds, fits, previous=first).new_events] == ["N002"]
 
@@ -286,8 +286,8 @@ def test_a_second_change_soon_after_the_first_is_reported(stepped, monitored):
     before = replace(monitored, until="2008-08-07", events=[early], reported_before=0)
     # one old event explains one new one, within a month of it
     assert find_events(ds, fits, previous=before).new_events == []
-    other = replace(before, events=[replace(early, aircraft="N001")])
-    assert find_events(ds, fits, previous=other).new_events == [event]
+    of_another = replace(before, events=[replace(early, aircraft="N001")])
+    assert find_events(ds, fits, previous=of_another).new_events == [event]
     # what an earlier run could have noticed a month ago and did not is not reported
     late = replace(before, until="2008-09-20", events=[])
     assert find_events(ds, fits, previous=late).new_events == []

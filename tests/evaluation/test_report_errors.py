@@ -36,7 +36,7 @@ def test_neighbours_by_hand():
     assert sorted(squares) == pytest.approx([0.25 * (4 + 1), 0.25 * (9 + 1)])
 
 
-def made(seed, *, days=30, aircraft=8, references=(("a", 2.0),), shared=0.0, size=0.5, far=False):
+def fleet(seed, *, days=30, aircraft=8, references=(("a", 2.0),), shared=0.0, size=0.5, far=False):
     """Aircraft over one place in smooth errors of references: size is the reports' true error."""
     rng = np.random.default_rng(seed)
     shape = (aircraft, days, 12)
@@ -87,7 +87,7 @@ def by_hat(errors):
 
 
 def test_one_reference_and_neighbours():
-    headings, corrected, reported = made(3)
+    headings, corrected, reported = fleet(3)
     errors = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
     assert errors.attrs["method"] == "separation"
     before, after = errors["fleet_observation_error"].to_numpy()
@@ -105,7 +105,7 @@ def test_one_reference_and_neighbours():
 
 
 def test_two_references_of_independent_error_make_a_hat():
-    headings, corrected, reported = made(5, references=(("a", 2.0), ("b", 1.5)), far=True, days=60)
+    headings, corrected, reported = fleet(5, references=(("a", 2.0), ("b", 1.5)), far=True, days=60)
     pools = {"a": ["a"], "b": ["b"], "a+b": ["a", "b"]}
     errors = observation_errors(headings, corrected, pools=pools, reference="a+b")
     assert errors.attrs["method"] == "three_cornered_hat"
@@ -117,7 +117,7 @@ def test_two_references_of_independent_error_make_a_hat():
 
 
 def test_references_with_correlated_errors_are_recognised():
-    headings, corrected, _ = made(7, references=(("a", 1.5), ("b", 1.5)), shared=1.0, days=40)
+    headings, corrected, _ = fleet(7, references=(("a", 1.5), ("b", 1.5)), shared=1.0, days=40)
     pools = {"a": ["a"], "b": ["b"], "a+b": ["a", "b"]}
     errors = observation_errors(headings, corrected, pools=pools, reference="a+b")
     assert errors.attrs["method"] == "separation"
@@ -132,7 +132,7 @@ def test_references_with_correlated_errors_are_recognised():
 
 
 def test_one_day_of_one_reference_has_no_error_and_a_reason(tmp_path):
-    headings, corrected, _ = made(1, days=1)
+    headings, corrected, _ = fleet(1, days=1)
     errors = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
     assert errors.attrs["method"] == ""
     assert bool(errors["observation_error"].isnull().all())
@@ -140,7 +140,7 @@ def test_one_day_of_one_reference_has_no_error_and_a_reason(tmp_path):
 
 
 def test_what_could_not_be_corrected_does_not_count():
-    headings, corrected, _ = made(3, days=10)
+    headings, corrected, _ = fleet(3, days=10)
     applied = np.zeros(headings.sizes["report"], dtype=np.int8)
     applied[: headings["row_size"].to_numpy()[0]] = 1
     corrected["correction_applied"] = ("report", applied)

@@ -51,14 +51,14 @@ def test_clustered_mean_agrees_with_a_loop_and_parts_add_up():
     np.testing.assert_allclose(parts[0] + parts[1], sums, rtol=1e-12)
 
 
-@pytest.mark.parametrize("chosen", ["at random", "as the worst"])
-def test_the_permutation_test_has_its_size_however_the_aircraft_were_chosen(chosen):
+@pytest.mark.parametrize("selection", ["at random", "as the worst"])
+def test_the_permutation_test_has_its_size_however_the_aircraft_were_chosen(selection):
     rng, rejected, repeats = np.random.default_rng(5), 0, 400
     for seed in range(repeats):
         level = 7 + rng.normal(0, 0.8, 36)
         before, during = level + rng.normal(0, 0.6, 36), level + 1.2 + rng.normal(0, 0.6, 36)
         corrected = np.zeros(36, dtype=bool)
-        order = rng.permutation(36) if chosen == "at random" else np.argsort(-before)
+        order = rng.permutation(36) if selection == "at random" else np.argsort(-before)
         corrected[order[:19]] = True
         result = permutation_test(-during, corrected, covariate=before, draws=199, seed=seed)
         rejected += result[1] <= 0.05

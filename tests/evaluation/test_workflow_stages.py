@@ -67,8 +67,8 @@ def test_the_cases_of_the_paper_are_there(name):
 
 
 def test_windows_before_the_first_month_made_anew_keep_their_fits(job, headings, fits):
-    def night(made, kept):
-        months = json.dumps({"made": made, "kept": kept})
+    def night(new, unchanged):
+        months = json.dumps({"made": new, "kept": unchanged})
         return stages.make_stability(job, headings.assign_attrs(months=months), fits)
 
     first = night(["2008-07", "2008-08"], [])

@@ -334,7 +334,7 @@ def test_changes_have_their_own_dates():
     expected = ((frame.tails[1], 5), (frame.tails[1], 12), (frame.tails[4], 9))
     assert len(changes) == 3
     for tail, day in expected:
-        assert any(found == tail and abs(on - day) <= 1 for found, on in changes)
+        assert any(changed == tail and abs(on - day) <= 1 for changed, on in changes)
 
 
 def test_exchanged_identifiers_are_found_and_given_back():

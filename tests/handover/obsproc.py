@@ -19,14 +19,14 @@ HIGHEST_REPORTED = 3000.0
 
 def raw(text):
     """Reports as read; those that trouble the reader are lost as they are in OBSPROC."""
-    lines, found = Lines(text), []
+    lines, reports = Lines(text), []
     while True:
         try:
             report = _report(lines)
         except FileEndError:
-            return found
+            return reports
         if report is not None:
-            found.append(report | {"n": len(found) + 1})
+            reports.append(report | {"n": len(reports) + 1})
 
 
 def _report(lines):
@@ -57,7 +57,7 @@ def _skip(lines):
 
 
 def _header(line):
-    found = fields(
+    header = fields(
         line,
         *(("lat", 20, 5), ("lon", 20, 5), ("id", 40, "a"), ("name", 40, "a")),
         *(("platform", 40, "a"), ("source", 40, "a"), ("elevation", 20, 5)),
@@ -66,17 +66,17 @@ def _header(line):
         *(("sut", 10, "i"), ("julian", 10, "i"), ("", 6, "a"), ("date", 14, "a")),
     )
     ground = pairs(line[340:], 13)
-    found |= {"slp": ground[0], "ref_pres": ground[1], "psfc": ground[4]}
-    found["fm"] = integer(found["platform"][3:6])
-    if found["fm"] <= 0:
+    header |= {"slp": ground[0], "ref_pres": ground[1], "psfc": ground[4]}
+    header["fm"] = integer(header["platform"][3:6])
+    if header["fm"] <= 0:
         raise ReadError("no WMO code")
-    return found | {"obsproc_type": KINDS.get(found["fm"], "OTHER")}
+    return header | {"obsproc_type": KINDS.get(header["fm"], "OTHER")}
 
 
 def pairs(line, number):
     """Values and their qualities."""
     parts = (fields(line[20 * k :], ("x", 13, 5), ("q", 7, "i")) for k in range(number))
-    return [(part["x"], part["q"]) for part in parts]
+    return [(pair["x"], pair["q"]) for pair in parts]
 
 
 def _level(line):
@@ -84,28 +84,28 @@ def _level(line):
 
 
 def _measurements(lines):
-    found = []
+    levels = []
     while True:
         level = _level(lines.next())
         if any(abs(level[name][0] - END) < 1.0 for name in ("p", "z")):
-            return found
-        found.append(level)
+            return levels
+        levels.append(level)
 
 
 def processed(text, begin, analysis, end):
     """Reports that reach ob.ascii, in order of time, of the three kinds of aircraft."""
-    kept = []
+    accepted = []
     for report in raw(text):
         moment = _moment(report["date"])
         inside = begin <= moment <= end - timedelta(seconds=1)
         levels = _joined([_converted(level, report["fm"]) for level in report["levels"]])
-        known = report["obsproc_type"] != "OTHER" and not report["discard"]
-        if inside and known and levels:
-            kept.append(report | {"time": moment, "levels": levels})
-    kept = _without_duplicates(kept, analysis)
-    for report in kept:
+        usable = report["obsproc_type"] != "OTHER" and not report["discard"]
+        if inside and usable and levels:
+            accepted.append(report | {"time": moment, "levels": levels})
+    accepted = _without_duplicates(accepted, analysis)
+    for report in accepted:
         report["levels"] = [_judged(level) for level in report["levels"]]
-    return sorted(kept, key=lambda report: report["time"])
+    return sorted(accepted, key=lambda report: report["time"])
 
 
 def _moment(date):
@@ -127,14 +127,14 @@ def _converted(level, fm):
 
 def _joined(levels):
     """In order of falling pressure; of levels less than 1 Pa apart the first stays."""
-    found = []
+    joined = []
     for level in levels:
         if level["p"][0] == MISSING and level["z"][0] == MISSING:
             continue
-        same = [one for one in found if abs(one["p"][0] - level["p"][0]) < 1.0]
+        same = [earlier for earlier in joined if abs(earlier["p"][0] - level["p"][0]) < 1.0]
         if not same or level["p"][0] == MISSING:
-            found.append(level)
-    return sorted(found, key=lambda level: -level["p"][0])
+            joined.append(level)
+    return sorted(joined, key=lambda level: -level["p"][0])
 
 
 def _without_duplicates(reports, analysis):
@@ -145,21 +145,21 @@ def _without_duplicates(reports, analysis):
         if (group := next(same, None)) is None:
             groups.append(group := [])
         group.append(report)
-    found = []
+    nearest = []
     for group in groups:
         merged = {}
         for report in group:
             first = merged.setdefault(report["time"], report)
             if first is not report:
                 first["levels"] = _joined(first["levels"] + report["levels"])
-        found.append(min(merged.values(), key=lambda one: abs(one["time"] - analysis)))
-    return found
+        nearest.append(min(merged.values(), key=lambda report: abs(report["time"] - analysis)))
+    return nearest
 
 
-def _of_one_place(one, other):
-    names = all(one[name] == other[name] for name in ("id", "name"))
-    near = all(abs(one[name] - other[name]) < 1e-3 for name in ("lat", "lon"))
-    return names and near and one["platform"][3:6] == other["platform"][3:6]
+def _of_one_place(first, second):
+    names = all(first[name] == second[name] for name in ("id", "name"))
+    near = all(abs(first[name] - second[name]) < 1e-3 for name in ("lat", "lon"))
+    return names and near and first["platform"][3:6] == second["platform"][3:6]
 
 
 def _judged(level):

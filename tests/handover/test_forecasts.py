@@ -263,7 +263,7 @@ def test_bad_lines_are_counted_and_others_kept(tmp_path):
 
 def test_a_configuration_needs_a_source(tmp_path):
     config = tmp_path / "config.yaml"
-    for section, what in (
+    for section, message in (
         ({}, "no forecasts to correct"),
         ({"postprocess": {}}, "one of pairs, forecasts with"),
         ({"postprocess": {"forecasts": {"files": "x"}}}, "stations is missing"),
@@ -271,7 +271,7 @@ def test_a_configuration_needs_a_source(tmp_path):
         ({"postprocess": {"pairs": {"files": "x", "colums": {}}}}, "did you mean 'columns'"),
     ):
         config.write_text(yaml.safe_dump({"output": "x"} | section))
-        with pytest.raises(ConfigError, match=what):
+        with pytest.raises(ConfigError, match=message):
             load_postprocess(config)
 
 
@@ -353,5 +353,5 @@ def test_boxes_by_hand():
     np.testing.assert_allclose(east["forecast"] - east["observation"], 2.0)
     assert east["pressure"].item() == 45_000.0
     assert (east["latitude"].item(), east["longitude"].item()) == (42.5, -92.5)
-    other = result.sel(station="0450_hPa_2.5S_177.5E", variable="eastward_wind")
-    np.testing.assert_allclose(other["forecast"], other["observation"])
+    eastern = result.sel(station="0450_hPa_2.5S_177.5E", variable="eastward_wind")
+    np.testing.assert_allclose(eastern["forecast"], eastern["observation"])

@@ -65,17 +65,17 @@ def write_errors(folder, aircraft, table=None, edges=EDGES, phases=PHASES):
     """
     if table is None:
         table = np.repeat(np.stack([2.0 * LAYERS, LAYERS])[:, None], len(phases), axis=1)
-    cell, known = ("state", "flight_phase", "layer"), np.array(table)
-    known[:, 2, 0] = np.nan
+    cell, measured = ("state", "flight_phase", "layer"), np.array(table)
+    measured[:, 2, 0] = np.nan
     ds = xr.Dataset(
         {
-            "observation_error": (cell, known),
+            "observation_error": (cell, measured),
             "observation_error_filled": (cell, table),
             "fleet_observation_error": ("state", [2.6, 1.3]),
             "aircraft_observation_error": (("aircraft", "state"), [*aircraft.values()]),
-            "observation_count": (cell[1:], np.full(known.shape[1:], 1000)),
-            "disagreement_rms": (cell, np.full(known.shape, 3.0)),
-            "median_wind_speed": ("layer", np.full(known.shape[2], 10.0)),
+            "observation_count": (cell[1:], np.full(measured.shape[1:], 1000)),
+            "disagreement_rms": (cell, np.full(measured.shape, 3.0)),
+            "median_wind_speed": ("layer", np.full(measured.shape[2], 10.0)),
             "layer_bottom_pressure": ("layer", edges[:-1]),
             "layer_top_pressure": ("layer", edges[1:]),
         },
@@ -166,17 +166,17 @@ def test_other_lines_are_unchanged_and_blank_identifiers_are_filled(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "what"),
+    ("text", "message"),
     [
         ("", "not a reject list"),
         (HEADER + "nothing here\n", "not a reject list"),
         (";\n" * 16 + "00000751  - W -      MDC00001\n", "no criterion of wind"),
     ],
 )
-def test_other_files_are_no_reject_list(tmp_path, text, what):
+def test_other_files_are_no_reject_list(tmp_path, text, message):
     base = tmp_path / "list"
     base.write_text(text)
-    with pytest.raises(InputError, match=what) as error:
+    with pytest.raises(InputError, match=message) as error:
         read_reject_list(base)
     assert str(base) in str(error.value)
 
@@ -193,15 +193,15 @@ def test_a_list_is_needed_and_nothing_is_written_over(tmp_path):
 
 def read_wind_tables(text):
     """Wind tables as OBSPROC reads them: 28 values of six columns by section and type."""
-    found, section, rows = {}, "", text.splitlines()
+    tables, section, rows = {}, "", text.splitlines()
     for place, line in enumerate(rows):
         if "SENSOR ERRORS" in line:
             section = line.split("SENSOR")[0].split()[-1]
         label = line[42:].strip()
         if section in ("UV", "SPD", "DIR") and label in ("TAMDARS", "AIREPS"):
             wide = "".join(row[:42] for row in rows[place : place + 4])
-            found[section, label] = [float(wide[k : k + 6]) for k in range(0, 168, 6)]
-    return found
+            tables[section, label] = [float(wide[k : k + 6]) for k in range(0, 168, 6)]
+    return tables
 
 
 def test_error_table_holds_the_measured_errors(tmp_path, root):
@@ -220,8 +220,8 @@ def test_error_table_holds_the_measured_errors(tmp_path, root):
     assert angle[1000] == pytest.approx(np.degrees(np.arctan(0.1)), abs=0.005)
     for section in ("UV", "SPD", "DIR"):
         assert tables[section, "AIREPS"] == before[section, "AIREPS"]
-    lines = zip(text.splitlines(), original.splitlines(), strict=True)
-    assert sum(one != other for one, other in lines) == 12  # four rows in three tables
+    pairs = zip(text.splitlines(), original.splitlines(), strict=True)
+    assert sum(line != before for line, before in pairs) == 12  # four rows in three tables
     assert done["types"] == ["TAMDARS"] and "6.5 m/s" in done["notes"][0]
 
 
@@ -312,10 +312,10 @@ KNOWN = np.array(
 BY_AIRCRAFT = {"N1": (np.nan, np.nan), "N2": (6.0, 1.3), "N3": (1.0, 0.0), "N9": (9.0, 9.0)}
 
 
-def errors_of(folder, ds, winds, known=KNOWN):
+def errors_of(folder, ds, winds, table=KNOWN):
     """Result of an export with known errors of the reports, and the error of every level."""
     phases = ("all", "cruise", "descent")
-    write_errors(folder, BY_AIRCRAFT, known, np.array([1100e2, 700e2, 400e2, 200e2]), phases)
+    write_errors(folder, BY_AIRCRAFT, table, np.array([1100e2, 700e2, 400e2, 200e2]), phases)
     write_product(ds, folder / "corrected.nc", title="test")
     result, text = exported(folder / "corrected.nc", "ob_ascii", winds=winds)
     assert result["notes"][0].startswith(f"errors of the winds from {result['errors_from']}")
@@ -366,15 +366,15 @@ N2, LOW = {"pressure": [50000.0, 90000.0]}, {"pressure": 30000.0, "phase": PHASE
 )
 def test_errors_by_hand(tmp_path, sizes, columns, uncertain, winds, by_hand):
     ds = corrected(sizes, corrected_wind_standard_error=uncertain, **columns)
-    _, found = errors_of(tmp_path, ds, winds)
-    assert found[: len(by_hand)] == pytest.approx(by_hand, abs=0.006)
+    _, errors = errors_of(tmp_path, ds, winds)
+    assert errors[: len(by_hand)] == pytest.approx(by_hand, abs=0.006)
 
 
 @pytest.mark.parametrize("winds", ["corrected", "reported"])
 def test_a_product_without_finite_errors_is_not_named_as_source(tmp_path, winds):
     ds = corrected({"N1": 2}, pressure=50000.0, corrected_wind_standard_error=0.0)
-    result, found = errors_of(tmp_path, ds, winds, np.full_like(KNOWN, np.nan))
+    result, errors = errors_of(tmp_path, ds, winds, np.full_like(KNOWN, np.nan))
     assert result["errors_from"] == "WRFDA's table"
     assert "observation_errors.nc holds none for these" in result["notes"][0]
     assert ("uncertainty of each correction" in result["notes"][0]) == (winds == "corrected")
-    assert found[0] == pytest.approx(2.9)
+    assert errors[0] == pytest.approx(2.9)

@@ -30,76 +30,76 @@ def records(name, kind):
     return [record for record in map(json.loads, lines) if record["record"] == kind]
 
 
-def assert_same(found, golden_records, *, close=1e-6):
-    for name, value in golden_records.items():
+def assert_same(record, golden_record, *, close=1e-6):
+    for name, value in golden_record.items():
         if name in ("record", "n", "lev"):
             continue
         if isinstance(value, float | list) and not isinstance(value, bool):
-            np.testing.assert_allclose(found[name], value, rtol=close, atol=1e-9, err_msg=name)
+            np.testing.assert_allclose(record[name], value, rtol=close, atol=1e-9, err_msg=name)
         else:
-            assert found[name] == value, name
+            assert record[name] == value, name
 
 
 @pytest.mark.parametrize(
-    ("reader", "name", "made"),
+    ("reader", "name", "dump"),
     [
         (wrf_nudging, "OBS_DOMAIN101", "obsdomain.raw.jsonl"),
         (obsproc, "obs.test.little_r", "littler_dump.jsonl"),
     ],
 )
-def test_values_are_read_as_wrf_and_obsproc_read_them(reader, name, made):
-    found = reader.raw(golden(name).read_text())
-    reports, levels = (records(made, kind) for kind in ("report", "level"))
-    assert len(found) == len(reports) == records(made, "end")[0]["reports"]
-    for one, other in zip(found, reports, strict=True):
-        assert_same(one, other)
-        chosen = [level for level in levels if level["n"] == other["n"]]
-        assert len(chosen) == len(one["levels"])
-        for values, level in zip(one["levels"], chosen, strict=True):
+def test_values_are_read_as_wrf_and_obsproc_read_them(reader, name, dump):
+    read = reader.raw(golden(name).read_text())
+    golden_reports, levels = (records(dump, kind) for kind in ("report", "level"))
+    assert len(read) == len(golden_reports) == records(dump, "end")[0]["reports"]
+    for report, golden_report in zip(read, golden_reports, strict=True):
+        assert_same(report, golden_report)
+        golden_levels = [level for level in levels if level["n"] == golden_report["n"]]
+        assert len(golden_levels) == len(report["levels"])
+        for values, level in zip(report["levels"], golden_levels, strict=True):
             pairs = values.values() if isinstance(values, dict) else values
             assert_same(dict(zip(reader.NAMES, pairs, strict=True)), level)
 
 
 def test_little_r_is_processed_as_by_obsproc():
     text = golden("obs.test.little_r").read_text()
-    found = obsproc.processed(text, datetime(2008, 7, 15, 11), NOON, datetime(2008, 7, 15, 13))
-    golden_records, whole = wrfda.read(golden("obsproc_ob.ascii").read_text())
-    assert whole and len(found) == len(golden_records)
-    for one, other in zip(found, golden_records, strict=True):
-        assert one["platform"][:12] == other["platform"]
-        assert one["time"] == datetime.strptime(other["date"], "%Y-%m-%d_%H:%M:%S")
-        assert (one["name"], one["id"]) == (other["name"], other["id"])
-        if other["type"] == "tamdar_sfc":
+    processed = obsproc.processed(text, datetime(2008, 7, 15, 11), NOON, datetime(2008, 7, 15, 13))
+    golden_records, complete = wrfda.read(golden("obsproc_ob.ascii").read_text())
+    assert complete and len(processed) == len(golden_records)
+    for report, golden_report in zip(processed, golden_records, strict=True):
+        assert report["platform"][:12] == golden_report["platform"]
+        assert report["time"] == datetime.strptime(golden_report["date"], "%Y-%m-%d_%H:%M:%S")
+        assert (report["name"], report["id"]) == (golden_report["name"], golden_report["id"])
+        if golden_report["type"] == "tamdar_sfc":
             continue
-        for level, again in zip(one["levels"], other["levels"], strict=True):
+        for level, golden_level in zip(report["levels"], golden_report["levels"], strict=True):
             for name in ("speed", "dir"):
-                assert level[name] == pytest.approx(again[name][:2], rel=1e-6), one["name"]
-            assert level["t"][0] == pytest.approx(again["t"][0], abs=2e-3)
-            assert level["p"][0] == pytest.approx(again["p"][0], abs=2.0)  # of constants
+                assert level[name] == pytest.approx(golden_level[name][:2], rel=1e-6)
+            assert level["t"][0] == pytest.approx(golden_level["t"][0], abs=2e-3)
+            assert level["p"][0] == pytest.approx(golden_level["p"][0], abs=2.0)  # of constants
 
 
 @pytest.mark.parametrize("name", ["ob", "obsproc_ob"])
 def test_ob_ascii_is_read_as_wrfda_reads_it(name):
     text = golden(f"{name}.ascii").read_text()
-    found, whole = wrfda.read(text)
+    reports, complete = wrfda.read(text)
     golden_records, levels = (records(f"{name}.read.jsonl", kind) for kind in ("report", "level"))
     head = records(f"{name}.read.jsonl", "header")[0]
     end = records(f"{name}.read.jsonl", "end")[0]
     formats = wrfda.formats(Lines(text))
-    assert [formats[part] for part in ("info", "srfc", "each")] == [
-        head[f"fmt_{part}"] for part in ("info", "srfc", "each")
-    ]
-    assert whole is end["clean_end_of_file"] and len(found) == end["reports"] == len(golden_records)
-    for one, other in zip(found, golden_records, strict=True):
+    for section in ("info", "srfc", "each"):
+        assert formats[section] == head[f"fmt_{section}"]
+    assert complete is end["clean_end_of_file"]
+    assert len(reports) == end["reports"] == len(golden_records)
+    for report, golden_report in zip(reports, golden_records, strict=True):
         same = {name: name for name in ("platform", "fm", "date", "name", "id")}
         for mine, theirs in (same | {"count": "levels", "type": "wrfda_type"}).items():
-            assert one[mine] == other[theirs]
+            assert report[mine] == golden_report[theirs]
         for name_ in ("lat", "lon", "elv"):
-            assert one[name_] == pytest.approx(other[name_])
-        chosen = [level for level in levels if level["n"] == other["n"]]
-        for mine, level in zip(one["levels"], chosen, strict=True):
-            for part in wrfda.COLUMNS:
-                assert mine[part] == pytest.approx(level[part], rel=1e-6), part
+            assert report[name_] == pytest.approx(golden_report[name_])
+        golden_levels = [level for level in levels if level["n"] == golden_report["n"]]
+        for mine, level in zip(report["levels"], golden_levels, strict=True):
+            for column in wrfda.COLUMNS:
+                assert mine[column] == pytest.approx(level[column], rel=1e-6), column
             assert mine["vertical"] == level["vertical"]
             assert mine["wind_used"] is level["wind_used"]
             assert (mine["qc"], mine["error"]) == pytest.approx(tuple(level["iv_u"][1:]))

@@ -50,10 +50,10 @@ def few(aircraft=2, reports=60):
     size = int(headings["row_size"][0])
     some = some_reports(headings, np.arange(headings.sizes["report"]) % size < reports)
     names = [f"N{400 + k}" for k in range(aircraft)]
-    whole = joined([some] * (aircraft // 6 + 1))
-    whole = whole.isel(aircraft=slice(aircraft), report=slice(aircraft * reports))
-    chosen = fits.isel(aircraft=np.arange(aircraft) % 6)
-    return whole.assign_coords(aircraft=names), chosen.assign_coords(aircraft=names)
+    repeated = joined([some] * (aircraft // 6 + 1))
+    repeated = repeated.isel(aircraft=slice(aircraft), report=slice(aircraft * reports))
+    fits_repeated = fits.isel(aircraft=np.arange(aircraft) % 6)
+    return repeated.assign_coords(aircraft=names), fits_repeated.assign_coords(aircraft=names)
 
 
 @cache

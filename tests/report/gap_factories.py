@@ -8,7 +8,7 @@ from airswing.gap.result.schema import GapReport
 TAILS = [f"N{401 + k}" for k in range(14)]
 
 
-def effect(name, *tails, **given):
+def effect(name, *tails, **changes):
     """Return an effect found on aircraft."""
     return {
         "name": name,
@@ -19,21 +19,21 @@ def effect(name, *tails, **given):
         "period": None,
         "scope": "aircraft",
         "evidence_nats": 90.0,
-    } | given
+    } | changes
 
 
-def iron(*tails, **given):
+def iron(*tails, **changes):
     """Return a hard iron on aircraft."""
     return effect(
         "hard_iron",
         *tails,
         parameters={"amplitude_deg": 3.912, "phase_deg": 40.0},
         standard_errors={"amplitude_deg": 0.2, "phase_deg": 1.0},
-        **given,
+        **changes,
     )
 
 
-def place(**given):
+def place(**changes):
     """Return an error by temperature that no catalogue effect explains."""
     cells = {"edges": [np.linspace(-60.0, 10.0, 9).tolist()], "labels": [], "m_s": []}
     cells |= {"values": np.linspace(-1.0, 1.0, 8).tolist(), "unit": "m/s"}
@@ -53,7 +53,7 @@ def place(**given):
         "nearest_effect_share": 0.22,
         "settled_by": "a recording of the raw sensors",
         "title": "linear in temperature",
-    } | given
+    } | changes
 
 
 def share(of_gap, q_value):
@@ -82,7 +82,7 @@ def content(*effects, **changes):
     }
     row = {"scope": "aircraft", "known": True, "posterior": [0.01] * 14, "subset": []}
     row |= {"raw_nats": 1.0, "cluster_factor": 1.0}
-    given = {
+    sections = {
         "gap": {"mean_vector_disagreement_kt": 8.31, "noise_floor_kt": 6.2, "significance": 1e-9},
         "where": [{"variable": "aircraft", "values": ["N401", "N402"]} | share(0.71, 2e-4)],
         "slices": [{"variable": "level", "values": ["above 400 hPa"]} | share(0.03, 0.3)],
@@ -110,7 +110,7 @@ def content(*effects, **changes):
             **{f"level_{name}": () for name in ("hPa", "factor")},
         },
     }
-    return GapReport.of(given | changes)
+    return GapReport.of(sections | changes)
 
 
 def maps():

@@ -68,8 +68,8 @@ class Drawn(html.Figures):
 
     last: Drawn
 
-    def __init__(self, *given, **options):
-        super().__init__(*given, **options)
+    def __init__(self, *arguments, **options):
+        super().__init__(*arguments, **options)
         self.made = {}
         Drawn.last = self
 

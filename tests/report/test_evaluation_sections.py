@@ -18,8 +18,8 @@ SHOW = Drawn()
 
 
 def window(aircraft, first, **values):
-    known = {f"{name}_standard_error": 0.1 for name in ("offset", "amplitude")}
-    fit = {"offset": 1.0, "amplitude": 3.0} | known
+    errors = {f"{name}_standard_error": 0.1 for name in ("offset", "amplitude")}
+    fit = {"offset": 1.0, "amplitude": 3.0} | errors
     return {"aircraft": aircraft, "window": first, "reports": 900, "status": "ok"} | fit | values
 
 
@@ -65,7 +65,7 @@ def test_date_labels_do_not_overlap(months):
     for axes in SHOW.made["changes"].axes[-2:]:
         boxes = [label.get_window_extent() for label in axes.get_xticklabels() if label.get_text()]
         assert len(boxes) >= 3
-        assert all(one.x1 < other.x0 for one, other in pairwise(boxes))
+        assert all(first.x1 < second.x0 for first, second in pairwise(boxes))
 
 
 def gain(kind, value, low, high):
@@ -81,8 +81,8 @@ RANKING = [
 def virtual(*, agree=True, realised=3.0, ends=(2.5, 3.5)):
     sides = gain("predicted", 3.2, 2.8, 3.6) | gain("realised", realised, *ends)
     rows = [{"aircraft": "N1", "agree": agree} | sides]
-    part = {"learned_until": "2009-10-10", "reports": 900, "by_aircraft": rows} | sides
-    return {"later": part, "held_out": {"why": "too few flights"}}
+    later = {"learned_until": "2009-10-10", "reports": 900, "by_aircraft": rows} | sides
+    return {"later": later, "held_out": {"why": "too few flights"}}
 
 
 def test_the_ranking_names_the_largest_reduction_and_how_predictions_held():

@@ -99,8 +99,8 @@ def test_parameters_carry_their_unit_and_95_percent_interval(name, value, error,
 def test_descriptions_of_effects_are_sentences_without_code_names(name):
     text = words.nature_of(name)
     assert text.count("<span") == 2 and not words.nature_of("of_another_version")
-    for part in filter(str.strip, re.split("<[^>]*>", text)):
-        assert part.rstrip().endswith(".") and "_" not in part and ".." not in part
+    for sentence in filter(str.strip, re.split("<[^>]*>", text)):
+        assert sentence.rstrip().endswith(".") and "_" not in sentence and ".." not in sentence
 
 
 def full():
@@ -144,7 +144,7 @@ def test_the_page_has_every_section_and_folds_the_statistics(tmp_path, monkeypat
     order = [text.index(f'<section id="{name}"') for name in names]
     assert order == sorted(order)
     assert page.images == len(gap_figures(full(), MAPS))
-    for part in (
+    for expected in (
         f"Hard iron ({CATALOGUE['hard_iron'].title}).",
         "Data that would decide: headings in more compass points.",
         "shared variance 91 %",
@@ -158,7 +158,7 @@ def test_the_page_has_every_section_and_folds_the_statistics(tmp_path, monkeypat
         "<details><summary>Noise model",
         "<details><summary>Calibration on held-out days",
     ):
-        assert part in text, part
+        assert expected in text, expected
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ TABLE = {
 
 
 @pytest.mark.parametrize(
-    "given",
+    "changes",
     [
         {},
         {"component": "scatter", "curve": {"labels": ["N403"], "m_s": [0.4]}},
@@ -196,11 +196,11 @@ TABLE = {
         {"variables": ["magnetic_heading", "phase"], "curve": TABLE},
     ],
 )
-def test_curves_of_unexplained_errors(given):
-    gap = content(places=[place(**given)])
+def test_curves_of_unexplained_errors(changes):
+    gap = content(places=[place(**changes)])
     figure = gap_figures(gap, MAPS)["unknown_1"]()
     check_figure(figure)
-    if "variables" in given:
+    if "variables" in changes:
         axes = figure.axes[0]
         assert labels(axes) == ["ascent", "cruise", "descent"]
         assert axes.get_xticks().tolist() == [0.0, 90.0, 180.0, 270.0, 360.0]

@@ -72,8 +72,8 @@ def test_the_fitted_bias_of_the_reference_is_subtracted():
     psi = np.radians(headings["heading"].to_numpy())
     error = (0.8 * np.cos(psi) + 0.5 * np.sin(psi)) / headings["airspeed"].to_numpy()
     headings["heading_error"][:] = np.degrees(error)
-    _, left = Run(headings, fits, "ruc").points("N000")
-    assert np.abs(left).max() < 1e-9 < 0.3 < np.abs(np.degrees(error)).max()
+    _, remainder = Run(headings, fits, "ruc").points("N000")
+    assert np.abs(remainder).max() < 1e-9 < 0.3 < np.abs(np.degrees(error)).max()
 
 
 def test_a_table_within_its_error_needs_no_correction():
@@ -132,7 +132,7 @@ def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went():
     offset = fits.assign(status=status["ok"].where(first, STATUS["offset_only"]))
     nothing = fits.assign(status=status["too_few_reports"])
     wrong = fits.assign(status=status["implausible_reports"])
-    for ds, one, words in (
+    for ds, levels, words in (
         (fits, total, "fitted for 1 of 2 aircraft (median amplitude "),
         (fits, total, "falls from 2.8 to 1.4 kt."),
         (fits, worse, "rises from"),
@@ -140,8 +140,8 @@ def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went():
         (nothing, none, "No usable fit for any of 2 aircraft"),
         (wrong, None, "contradict the reference"),
     ):
-        assert words in selection.headline(ds, one, "ruc")
-        assert len(selection.headline(ds, one, POOL).split()) <= 25
+        assert words in selection.headline(ds, levels, "ruc")
+        assert len(selection.headline(ds, levels, POOL).split()) <= 25
 
 
 def test_binned_medians_by_hand():

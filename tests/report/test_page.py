@@ -35,7 +35,7 @@ BEFORE = dict(matplotlib.rcParams)
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
+def full_page(tmp_path_factory):
     """Text, figures, addresses and file of the page with every product."""
     folder = tmp_path_factory.mktemp("pages")
     (folder / "tables.csv").write_text("aircraft\n")
@@ -46,8 +46,8 @@ def whole(tmp_path_factory):
     return text, Drawn.last.made, summary.addresses, written
 
 
-def test_the_page_is_whole_and_asks_for_nothing_outside(whole):
-    text, _, addresses, written = whole
+def test_the_page_is_whole_and_asks_for_nothing_outside(full_page):
+    text, _, addresses, written = full_page
     assert dict(matplotlib.rcParams) == BEFORE
     assert written.name == "index.html"
     assert "../tables.csv" in addresses
@@ -65,8 +65,8 @@ def test_the_page_is_whole_and_asks_for_nothing_outside(whole):
         assert f'<section id="{anchor}">' not in text
 
 
-def test_all_products_become_sections(whole):
-    tested, text = factories.field_tested(), whole[0]
+def test_all_products_become_sections(full_page):
+    tested, text = factories.field_tested(), full_page[0]
     for anchor in ("field-test", "sensitivity", "innovations"):
         assert f'<section id="{anchor}">' in text
     for name, words in {"": "as a linear difference", "_quadrature": "in quadrature"}.items():
@@ -77,21 +77,21 @@ def test_all_products_become_sections(whole):
     assert text.count("a pool and one of its members") == 2
 
 
-def test_innovation_figures_show_the_statistics_of_the_product(whole):
-    axes = whole[1]["innovations"].axes[0]
+def test_innovation_figures_show_the_statistics_of_the_product(full_page):
+    axes = full_page[1]["innovations"].axes[0]
     shown = dict(zip(labels(axes), axes.lines[0].get_xdata(), strict=True))
     cells = STATISTICS.sel(reference=POOL, state="reported")
-    for name, chosen in (("cruise", {"flight_phase": "cruise"}), ("N002", {"aircraft": "N002"})):
-        one = cells.sel(chosen)
-        count = one["innovation_speed_count"]
-        bias = (one["innovation_speed_bias"] * count).sum() / count.sum()
+    for name, selection in (("cruise", {"flight_phase": "cruise"}), ("N002", {"aircraft": "N002"})):
+        selected = cells.sel(selection)
+        count = selected["innovation_speed_count"]
+        bias = (selected["innovation_speed_bias"] * count).sum() / count.sum()
         assert shown[name] == pytest.approx(float(bias) * 3600 / 1852)
-    drawn = whole[1]["innovation_histogram"].axes[0].images[0].get_array()
+    drawn = full_page[1]["innovation_histogram"].axes[0].images[0].get_array()
     assert np.nansum(np.ma.filled(drawn, 0)) == cells["innovation_histogram"].sum()
 
 
-def test_the_page_names_what_was_left_out_and_why_no_table_may_be_loaded(whole, tmp_path):
-    cells = re.findall("<td[^>]*>(.*?)</td>", whole[0].split('<section id="audit">')[1])
+def test_the_page_names_what_was_left_out_and_why_no_table_may_be_loaded(full_page, tmp_path):
+    cells = re.findall("<td[^>]*>(.*?)</td>", full_page[0].split('<section id="audit">')[1])
     assert cells[0] == "turn" and "</span>252 (5.0 %)" in cells[1] and cells[2] == "168"
     assert cells[6:10] == ["dropped: duplicate", "12", "dropped: impossible position", "3"]
     assert cells[10:12] == ["repaired: longitude wrapped", "40"]
@@ -105,13 +105,13 @@ def test_the_page_names_what_was_left_out_and_why_no_table_may_be_loaded(whole, 
     headings.attrs = {"reading_audit": json.dumps(audit), "reference_audit": json.dumps(models)}
     text = report.write_page(tmp_path, headings=headings, fits=fits).read_text()
     words = ("80 of 80 reports (100.0 %) entered", "truncated message", "2 of 5 report files")
-    assert all(part in text for part in (*words, "x.grb", "a.csv", "b.csv", "n401"))
+    assert all(word in text for word in (*words, "x.grb", "a.csv", "b.csv", "n401"))
     assert "No table may be loaded: implausible reports (2 aircraft)." in text
     row = text[text.index('<td class="words">N401') :].split("</tr>")[0]
     assert row.count("<td>-</td>") == 12 and "±" not in row
 
 
-def test_lazy_products_give_the_same_page(whole, tmp_path):
+def test_lazy_products_give_the_same_page(full_page, tmp_path):
     for name, ds in (("headings", HEADINGS), ("corrected", CORRECTED)):
         ds.to_netcdf(tmp_path / f"{name}.nc")
     with (
@@ -119,7 +119,7 @@ def test_lazy_products_give_the_same_page(whole, tmp_path):
         xr.open_dataset(tmp_path / "corrected.nc") as better,
     ):
         same = PRODUCTS | {"headings": lazy, "corrected": better}
-        text, _, _, eager = whole
+        text, _, _, eager = full_page
         assert report.write_page(eager.parents[1] / "lazy", **same).read_text() == text
 
 

@@ -29,10 +29,10 @@ def texts(aircraft, fits=FITS):
 
 @given(st.lists(st.floats(-15, 15), min_size=8, max_size=8), st.floats(0, 359))
 def test_steering_gives_the_heading_wanted(table, wanted):
-    held = steer(table, [wanted])[0]
+    steered = steer(table, [wanted])[0]
     nodes = np.arange(0.0, 361.0, 45.0)
-    made = held - np.interp(held, nodes, [*table, table[0]])
-    assert (made - wanted + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
+    flown = steered - np.interp(steered, nodes, [*table, table[0]])
+    assert (flown - wanted + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
 
 
 def test_one_pdf_page_for_each_fit_and_the_same_bytes_again(tmp_path):
@@ -50,7 +50,7 @@ def test_one_pdf_page_for_each_fit_and_the_same_bytes_again(tmp_path):
 
 
 def test_a_card_has_what_a_workshop_needs():
-    whole = "\n".join(texts("N400"))
+    card = "\n".join(texts("N400"))
     for words in (
         "N400",
         "Magnetic compass",
@@ -65,7 +65,7 @@ def test_a_card_has_what_a_workshop_needs():
         "Checked by",
         "Signature",
     ):
-        assert words in whole, words
+        assert words in card, words
     fit = FITS.sel(reference="ruc", aircraft="N400")
     assert all(f"{value + 0.0:+.1f}" in texts("N400") for value in fit["table_correction"].values)
     axes = swing_card(Run(HEADINGS, FITS, "ruc"), "N400").axes[0]

@@ -28,7 +28,7 @@ def month():
 
 def disagreement(frame, name):
     """Mean vector disagreement with a model, kt."""
-    u, v = (frame[one] - frame[f"{one}_{name}"] for one in "uv")
+    u, v = (frame[component] - frame[f"{component}_{name}"] for component in "uv")
     return float(np.nanmean(np.hypot(u, v)) * 3600 / 1852)
 
 
@@ -61,10 +61,10 @@ def test_a_shuttle_flies_one_route_and_leaves_the_others_as_they_were():
     frame = simulate_arrays(**SMALL)
     shuttled = simulate_arrays(**SMALL, shuttles=1)
     for tail in ("N401", "N402"):
-        old, new = (one[one["tail"] == tail] for one in (frame, shuttled))
+        old, new = (archive[archive["tail"] == tail] for archive in (frame, shuttled))
         np.testing.assert_allclose(old["true_heading"], new["true_heading"], atol=1e-6)
-    chosen = shuttled[(shuttled["tail"] == "N403") & (shuttled["phase"] == 2)]
-    points = np.round(np.degrees(chosen["true_heading"]) / 45.0).to_numpy() % 8
+    cruise = shuttled[(shuttled["tail"] == "N403") & (shuttled["phase"] == 2)]
+    points = np.round(np.degrees(cruise["true_heading"]) / 45.0).to_numpy() % 8
     assert np.unique(points).size <= 4
 
 
@@ -117,21 +117,21 @@ def sample(root):
 def test_the_command_writes_the_committed_files(sample, tmp_path):
     """The same files; a value in a thousand may round the other way on another machine."""
     assert sum(path.stat().st_size for path in sample.rglob("*") if path.is_file()) < 8_000_000
-    made = write_quickstart(tmp_path)
+    written = write_quickstart(tmp_path)
     names = {path.relative_to(sample) for path in sample.rglob("*") if path.is_file()}
     assert names - {Path("README.md")} == {
-        path.relative_to(made) for path in made.rglob("*") if path.is_file()
+        path.relative_to(written) for path in written.rglob("*") if path.is_file()
     }
-    for part in ("reports", "field_test"):
-        for path in sorted((sample / part).glob("*.csv")):
-            kept, again = pd.read_csv(path), pd.read_csv(made / part / path.name)
-            assert len(kept) == len(again)
+    for folder in ("reports", "field_test"):
+        for path in sorted((sample / folder).glob("*.csv")):
+            committed, rewritten = pd.read_csv(path), pd.read_csv(written / folder / path.name)
+            assert len(committed) == len(rewritten)
             for column in ("time", "flight", "wind_speed_kt", "wind_direction_deg"):
-                assert (kept[column] == again[column]).mean() > 0.999
-    kept, again = (
-        json.loads((folder / "truth" / "truth.json").read_text()) for folder in (sample, made)
+                assert (committed[column] == rewritten[column]).mean() > 0.999
+    committed, rewritten = (
+        json.loads((folder / "truth" / "truth.json").read_text()) for folder in (sample, written)
     )
-    assert kept["effects"] == again["effects"]
-    for tail, values in kept["aircraft"].items():
+    assert committed["effects"] == rewritten["effects"]
+    for tail, values in committed["aircraft"].items():
         for name, value in values["deviation"].items():
-            assert again["aircraft"][tail]["deviation"][name] == pytest.approx(value, abs=1e-3)
+            assert rewritten["aircraft"][tail]["deviation"][name] == pytest.approx(value, abs=1e-3)

@@ -40,13 +40,17 @@ def archives():
     common = {"days": 1, "aircraft": len(FAULTS) + 2, "seed": 3, "coding": FINE}
     common |= {"references": ("ruc",), "columns": 20, "rows": 16, "spacing_km": 85.0}
     common |= {"levels": (950, 700, 500, 350)}
-    return [simulate_arrays(effects=chosen, **common) for chosen in ([], [*effects, swap])]
+    return [simulate_arrays(effects=active, **common) for active in ([], [*effects, swap])]
+
+
+def of_aircraft(frame, tail):
+    return frame[frame["tail"] == tail]
 
 
 @pytest.fixture
 def of(archives):
     """Reports of one fault's aircraft: without it and with it."""
-    return lambda name: [one[one["tail"] == TAILS[name]].reset_index() for one in archives]
+    return lambda name: [of_aircraft(frame, TAILS[name]).reset_index() for frame in archives]
 
 
 def heading_error(frame):
@@ -56,51 +60,51 @@ def heading_error(frame):
 
 @pytest.mark.parametrize("name", sorted({*UNIT_FAULTS} - {"heater_current"}))
 def test_every_unit_fault_changes_the_wind_and_nothing_else(of, name):
-    plain, found = of(name)
-    change = np.hypot(found["u"] - plain["u"], found["v"] - plain["v"])
+    sound, faulty = of(name)
+    change = np.hypot(faulty["u"] - sound["u"], faulty["v"] - sound["v"])
     assert np.isfinite(change).all()
     assert 0.05 < np.sqrt(np.mean(change**2)) < 12.0
     for column in ("latitude", "altitude", "true_u", "ground_u", "u_ruc", "celsius"):
-        np.testing.assert_array_equal(found[column], plain[column])
-    assert (np.abs(heading_error(found)) < 1e-6).all() == name.startswith("tas")
+        np.testing.assert_array_equal(faulty[column], sound[column])
+    assert (np.abs(heading_error(faulty)) < 1e-6).all() == name.startswith("tas")
 
 
 def test_hard_iron_and_heater_are_the_cycle_asked_for(archives, of):
-    plain, found = of("hard_iron")
-    magnetic = (found["heading"] - found["declination"]).to_numpy()
-    strength = np.median(archives[0]["horizontal"]) / found["horizontal"].to_numpy()
+    sound, faulty = of("hard_iron")
+    magnetic = (faulty["heading"] - faulty["declination"]).to_numpy()
+    strength = np.median(archives[0]["horizontal"]) / faulty["horizontal"].to_numpy()
     expected = 4.0 * np.sin(magnetic + np.radians(50.0)) * strength
-    np.testing.assert_allclose(heading_error(found), expected, atol=0.005)
-    assert np.abs(heading_error(plain)).max() < 1e-6
-    _, found = of("heater_current")
-    np.testing.assert_array_equal(np.abs(heading_error(found)) > 1e-6, found["icing"] == 1)
+    np.testing.assert_allclose(heading_error(faulty), expected, atol=0.005)
+    assert np.abs(heading_error(sound)).max() < 1e-6
+    _, faulty = of("heater_current")
+    np.testing.assert_array_equal(np.abs(heading_error(faulty)) > 1e-6, faulty["icing"] == 1)
 
 
 def test_acceleration_and_turn_follow_their_stated_scale(of):
     for name, tolerance in (("acceleration_error", 0.03), ("turn_error", 0.1)):
-        plain, found = of(name)
-        magnetic, steep = plain["true_heading"] - plain["declination"], np.tan(plain["dip"])
-        pull = np.sin(magnetic) * plain["acceleration"] / 9.80665
-        expected = 10 * steep * (pull if name[0] == "a" else np.cos(magnetic) * plain["bank"])
+        sound, faulty = of(name)
+        magnetic, steep = sound["true_heading"] - sound["declination"], np.tan(sound["dip"])
+        pull = np.sin(magnetic) * sound["acceleration"] / 9.80665
+        expected = 10 * steep * (pull if name[0] == "a" else np.cos(magnetic) * sound["bank"])
         np.testing.assert_allclose(
-            heading_error(found), expected, rtol=0.12 if name[0] == "t" else 0, atol=tolerance
+            heading_error(faulty), expected, rtol=0.12 if name[0] == "t" else 0, atol=tolerance
         )
         assert np.abs(expected).max() > 0.5
 
 
 def test_lag_sends_the_wind_of_an_earlier_place(of):
     """Where the lag is the interval between reports, a report shows its predecessor's wind."""
-    plain, found = of("time_lag")
-    same = (plain["flight"].diff() == 0) & (plain["time"].diff() == pd.Timedelta(120, "s"))
+    sound, faulty = of("time_lag")
+    same = (sound["flight"].diff() == 0) & (sound["time"].diff() == pd.Timedelta(120, "s"))
     assert same.sum() > 50
     for column in ("u", "v"):
-        earlier = plain[column].shift()[same]
-        np.testing.assert_allclose(found[column][same], earlier, atol=1e-3)
+        earlier = sound[column].shift()[same]
+        np.testing.assert_allclose(faulty[column][same], earlier, atol=1e-3)
 
 
 def test_reporting_faults(of):
-    plain, high = of("altitude_offset")
-    np.testing.assert_allclose((high["altitude"] - plain["altitude"]) / 0.3048, 500.0, atol=1e-6)
+    sound, high = of("altitude_offset")
+    np.testing.assert_allclose((high["altitude"] - sound["altitude"]) / 0.3048, 500.0, atol=1e-6)
     _, coarse = of("wind_coding")
     assert (coarse["speed"] % 5 == 0).all() and (coarse["direction"] % 10 == 0).all()
     minutes = of("position_coding")[1]["latitude"] * 60
@@ -108,20 +112,20 @@ def test_reporting_faults(of):
     _, stepped = of("heading_coding")
     indicated = np.degrees(stepped["heading"] - stepped["declination"])
     np.testing.assert_allclose(indicated / 5, np.round(indicated / 5), atol=1e-6)
-    plain, wild = of("outliers")
-    gross = np.hypot(wild["u"] - plain["u"], wild["v"] - plain["v"]) > 5
+    sound, wild = of("outliers")
+    gross = np.hypot(wild["u"] - sound["u"], wild["v"] - sound["v"]) > 5
     assert 0.05 < gross.mean() < 0.3
 
 
 def test_swapped_aircraft_exchange_their_reports(archives):
     early, late = (
-        [one[(one["time"] < "2009-03-01T18") != swapped] for one in archives]
+        [frame[(frame["time"] < "2009-03-01T18") != swapped] for frame in archives]
         for swapped in (False, True)
     )
-    plain, found = ([set(one[one["tail"] == tail]["flight"]) for tail in PAIR] for one in late)
-    assert found == plain[::-1] and all(found)
-    plain, found = (one.groupby("tail")["flight"].agg(set) for one in early)
-    assert found.equals(plain)
+    sound, faulty = ([set(of_aircraft(frame, tail)["flight"]) for tail in PAIR] for frame in late)
+    assert faulty == sound[::-1] and all(faulty)
+    sound, faulty = (frame.groupby("tail")["flight"].agg(set) for frame in early)
+    assert faulty.equals(sound)
 
 
 @pytest.mark.parametrize(

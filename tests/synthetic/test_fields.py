@@ -51,22 +51,22 @@ def test_grid_components_point_where_the_grid_does(world):
 
 
 def test_speed_bias_acts_above_its_level_only(world):
-    plain, strong = stored(world), stored(world, speed_percent=10.0, above_hpa=500.0)
-    ratio = strong.wind / np.where(np.abs(plain.wind) > 5, plain.wind, np.nan)
+    unbiased, strong = stored(world), stored(world, speed_percent=10.0, above_hpa=500.0)
+    ratio = strong.wind / np.where(np.abs(unbiased.wind) > 5, unbiased.wind, np.nan)
     np.testing.assert_allclose(np.nanmean(ratio, axis=(0, 1, 3, 4)), [1, 1, 1.1, 1.1], atol=1e-3)
 
 
-def agree(model, parts, hours, start):
+def agree(model, fields, hours, start):
     """The reader of model winds gives what the generator samples, summed over its fields."""
-    rng, grid = np.random.default_rng(2), parts[0].grid
-    lat, lon = (rng.uniform(one.min(), one.max(), 500) for one in grid.coordinates)
-    pressure = rng.uniform(parts[0].levels.min(), parts[0].levels.max(), 500)
+    rng, grid = np.random.default_rng(2), fields[0].grid
+    lat, lon = (rng.uniform(axis.min(), axis.max(), 500) for axis in grid.coordinates)
+    pressure = rng.uniform(fields[0].levels.min(), fields[0].levels.max(), 500)
     hours = rng.uniform(*hours, 500)
-    expected = sum(sample_reference(one, lat, lon, pressure, hours) for one in parts)
+    expected = sum(sample_reference(field, lat, lon, pressure, hours) for field in fields)
     reports = points(lat, lon, 100.0 * pressure, after=hours, start=np.datetime64(start))
-    found = winds(airswing.collocate(reports, {"x": model}))
-    assert np.isfinite(found[0]).mean() > 0.3
-    np.testing.assert_allclose(found, expected, atol=1e-3)
+    collocated = winds(airswing.collocate(reports, {"x": model}))
+    assert np.isfinite(collocated[0]).mean() > 0.3
+    np.testing.assert_allclose(collocated, expected, atol=1e-3)
 
 
 @pytest.mark.parametrize(("edition", "flag"), [(1, True), (2, False)])
@@ -75,14 +75,14 @@ def test_written_fields_are_read_as_the_generator_samples_them(tmp_path, edition
     grid = centred_grid(43.0, -86.0, **sizes, radius=GRIB_RADIUS[edition])
     wind = np.random.default_rng(2).normal(5, 20, (4, 2, 2, 11, 14)).round(1).astype(np.float32)
     hours, start = np.array([22.0, 23.0, 24.0, 25.0]), datetime(2009, 10, 19)
-    made = GriddedReference("ruc", grid, np.array([850.0, 500.0]), hours, wind, flag)
+    reference = GriddedReference("ruc", grid, np.array([850.0, 500.0]), hours, wind, flag)
     options = {"start": start, "lead_hours": 2, "times_per_file": 2}
-    write_reference(tmp_path / "ruc", made, edition=edition, **options)
+    write_reference(tmp_path / "ruc", reference, edition=edition, **options)
     model = airswing.build_catalogue(f"{tmp_path}/ruc/*", name="x", cache_dir=tmp_path)
     assert len(model.files) == 2 and model.grids[0].wind_along_grid is flag
     assert set(model.leads) == {7200}
     assert [row.edition for row in scan_file(model.files[0].path).fields] == [edition] * 8
-    agree(model, [made], (22, 25), start)
+    agree(model, [reference], (22, 25), start)
 
 
 GRIB = "grib/wrf_ruc13_g212"

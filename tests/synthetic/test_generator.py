@@ -22,7 +22,7 @@ def test_the_lattice_is_close_to_igrf_and_older_tables_differ_by_the_secular_var
     earth = EarthField(datetime(2009, 7, 1), 30.0, BOX)
     rng = np.random.default_rng(1)
     lat, lon = rng.uniform(26, 47, 20), rng.uniform(-123, -76, 20)
-    east, north, up = (part.ravel() for part in ppigrf.igrf(lon, lat, 4.0, datetime(2009, 7, 16)))
+    east, north, up = (field[0] for field in ppigrf.igrf(lon, lat, 4.0, datetime(2009, 7, 16)))
     declination, horizontal, down = earth.at(lat, lon, np.full(20, 15 * 24.0))
     np.testing.assert_allclose(declination, np.arctan2(east, north), atol=np.radians(0.03))
     np.testing.assert_allclose(horizontal, np.hypot(east, north), rtol=2e-3)
@@ -54,8 +54,8 @@ def test_ground_velocity_is_the_velocity_of_the_positions(flown):
     azimuth, _, length = GEOD.inv(lon[:-2], lat[:-2], lon[2:], lat[2:])
     steady = (flown.phase[:-2] == 2) & (flown.phase[2:] == 2) & (np.abs(flown.bank[1:-1]) < 0.01)
     turn = np.radians(azimuth)
-    for name, part in (("east", np.sin(turn)), ("north", np.cos(turn))):
-        error = length / (2 * STEP) * part - getattr(flown, name)[1:-1]
+    for name, share in (("east", np.sin(turn)), ("north", np.cos(turn))):
+        error = length / (2 * STEP) * share - getattr(flown, name)[1:-1]
         assert np.sqrt(np.mean(error[steady] ** 2)) < 0.1
 
 
@@ -76,10 +76,10 @@ def test_every_unit_errs_by_its_stated_coefficients_at_the_field_it_flies_in():
     faults = parse_faults(effects, start=START, tails=TAILS)
     truth = truth_record(frame, faults, TAILS, effects)["aircraft"]
     for tail in TAILS:
-        chosen = frame[(frame["tail"] == tail) & (frame["phase"] == 2)]
-        error = wrapped(np.degrees(chosen["heading"] - chosen["true_heading"]))
-        m = chosen["heading"] - chosen["declination"]
-        gain = truth[tail]["mean_horizontal_field"] / chosen["horizontal"]
+        cruise = frame[(frame["tail"] == tail) & (frame["phase"] == 2)]
+        error = wrapped(np.degrees(cruise["heading"] - cruise["true_heading"]))
+        m = cruise["heading"] - cruise["declination"]
+        gain = truth[tail]["mean_horizontal_field"] / cruise["horizontal"]
         basis = deviation_basis(m, gain)
         stated = [truth[tail]["deviation"][name] for name in "ABCDE"] @ basis
         bound = 0.01 + 3.0 * truth[tail]["deviation_residual_rms"]

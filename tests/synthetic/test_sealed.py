@@ -74,21 +74,21 @@ def test_the_generator_takes_every_draw(name):
         drawn = draw(name, seed)
         faults = parse_faults(list(drawn.effects), start=START, tails=TAILS)
         assert drawn.name in {fault.name for fault in faults}
-        known = {p.name for p in CATALOGUE[name].parameters} if name in CATALOGUE else None
-        chosen = next(effect for effect in drawn.effects if effect["name"] == name)
-        assert known is None or set(chosen["parameters"]) <= known
+        parameters = {p.name for p in CATALOGUE[name].parameters} if name in CATALOGUE else None
+        entry = next(effect for effect in drawn.effects if effect["name"] == name)
+        assert parameters is None or set(entry["parameters"]) <= parameters
 
 
 RNG = np.random.default_rng(0)
 
 
-def part(variable, shape, at, width):
+def shape_of(variable, shape, at, width):
     return {"variable": variable, "shape": shape, "at": at, "width": width}
 
 
 def test_shapes_of_a_variable_that_turns_by_hand():
     def values(hours, *shape):
-        return part_values(part("hour", *shape), {"hour": np.array(hours)})
+        return part_values(shape_of("hour", *shape), {"hour": np.array(hours)})
 
     hours = [0.0, 3.5, 4.0, 6.0, 8.0, 8.5, 23.0]
     assert values(hours, "sector", 0.25, 0.1).tolist() == [0, 0, 1, 1, 1, 0, 0]  # 6 h +- 2.4 h
@@ -124,11 +124,11 @@ def surroundings(n=4000, seed=0):
 @pytest.mark.parametrize("component", COMPONENTS)
 def test_every_component_has_the_stated_size_where_it_acts_and_its_direction(component):
     variables, u, v = surroundings()
-    chosen = np.arange(u.size) % 2 == 0
-    one = {"parts": [part("hour", "sector", 0.3, 0.2)], "component": component}
-    change = effect_change(one | {"size_m_s": 0.4, "sign": 1.0}, u, v, variables, chosen, RNG)
+    affected = np.arange(u.size) % 2 == 0
+    effect = {"parts": [shape_of("hour", "sector", 0.3, 0.2)], "component": component}
+    change = effect_change(effect | {"size_m_s": 0.4, "sign": 1.0}, u, v, variables, affected, RNG)
     acts = np.any(change != 0, axis=1)
-    assert not acts[~chosen].any() and acts.any()
+    assert not acts[~affected].any() and acts.any()
     assert np.sqrt((change[acts] ** 2).sum(1).mean()) == pytest.approx(0.4, rel=0.02)
     heading = np.stack([np.sin(variables["heading"]), np.cos(variables["heading"])], -1)
     wind = np.stack([u, v], -1) / np.hypot(u, v)[:, None]
@@ -147,10 +147,10 @@ def test_every_component_has_the_stated_size_where_it_acts_and_its_direction(com
 def test_scatter_by_hand():
     variables, _, _ = surroundings(4)
     u, v = KNOT * np.array([2.0, 10.0, 40.0, 0.0]), np.zeros(4)
-    here, rng = np.ones(4, bool), np.random.default_rng(0)
+    everywhere, rng = np.ones(4, bool), np.random.default_rng(0)
 
     def speeds(**values):
-        change = effect_change({"parts": [], **values}, u, v, variables, here, rng)
+        change = effect_change({"parts": [], **values}, u, v, variables, everywhere, rng)
         return np.hypot(u + change[:, 0], v + change[:, 1]) / KNOT
 
     assert speeds(kind="floor", limit_kt=8.0)[:3] == pytest.approx([8, 10, 40])
@@ -159,8 +159,8 @@ def test_scatter_by_hand():
     turned = KNOT * 10 * np.stack([np.sin(np.radians([20.0, 50.0])), np.cos(np.radians([20, 50]))])
     lattice = {"kind": "lattice", "parts": [], "limit_kt": 20.0, "direction_step_deg": 45.0}
     change = effect_change(lattice, *turned, {}, np.ones(2, bool), rng)
-    moved = np.degrees(np.arctan2(turned[0] + change[:, 0], turned[1] + change[:, 1]))
-    assert moved == pytest.approx([0.0, 45.0], abs=1e-9)
+    directions = np.degrees(np.arctan2(turned[0] + change[:, 0], turned[1] + change[:, 1]))
+    assert directions == pytest.approx([0.0, 45.0], abs=1e-9)
 
 
 def test_draws_have_the_stated_shape_and_cover_components_and_variables():
@@ -168,20 +168,21 @@ def test_draws_have_the_stated_shape_and_cover_components_and_variables():
     seen = Counter()
     for seed in range(600):
         rng, shape = np.random.default_rng(seed), OUTSIDE_SHAPES[seed % len(OUTSIDE_SHAPES)]
-        one = draw_outside(rng, World(0, "default", 45, 14), shape=shape, size=0.8)
-        chosen = one["parameters"]
-        names = [p["variable"] for p in chosen["parts"]]
+        effect = draw_outside(rng, World(0, "default", 45, 14), shape=shape, size=0.8)
+        parameters = effect["parameters"]
+        names = [p["variable"] for p in parameters["parts"]]
         assert set(names) <= set(VARIABLES) and len(set(names)) == len(names)
         assert not any(len(set(names) & group) > 1 for group in ALIKE)
         if shape != "scatter":
             assert len(names) == (2 if shape in ("product", "threshold") else 1)
-        change = effect_change(chosen, u, v, variables, np.ones(u.size, bool), rng)
+        change = effect_change(parameters, u, v, variables, np.ones(u.size, bool), rng)
         assert np.isfinite(change).all()
-        seen.update([chosen["component"], chosen.get("kind", ""), *names])
-        seen["all" if one["tails"] is None else "one" if len(one["tails"]) == 1 else "some"] += 1
-        if one["period"] is not None:
+        seen.update([parameters["component"], parameters.get("kind", ""), *names])
+        tails = effect["tails"]
+        seen["all" if tails is None else "one" if len(tails) == 1 else "some"] += 1
+        if effect["period"] is not None:
             seen["late"] += 1
-            assert (datetime.fromisoformat(one["period"][0]) - START).days == 38
+            assert (datetime.fromisoformat(effect["period"][0]) - START).days == 38
     assert {*COMPONENTS, *SCATTER, *VARIABLES, "one", "some", "all"} <= set(seen)
     assert 30 < seen["late"] < 100
 
@@ -192,7 +193,7 @@ def test_named_effects_explain_iron_and_not_a_sector_of_wind():
     across = np.stack([np.cos(variables["heading"]), -np.sin(variables["heading"])], -1)
     iron = (variables["airspeed"] * 0.01 * np.sin(variables["magnetic_heading"] + 0.7))[:, None]
     assert named_share(iron * across, variables, u, v, aircraft) == pytest.approx(1.0, abs=1e-9)
-    turned = {"parts": [part("wind_direction", "sector", 0.7, 0.05)], "component": "direction"}
+    turned = {"parts": [shape_of("wind_direction", "sector", 0.7, 0.05)], "component": "direction"}
     turned |= {"size_m_s": 1.0, "sign": 1.0}
     change = effect_change(turned, u, v, variables, aircraft < 2, RNG)
     assert named_share(change, variables, u, v, aircraft) < MOST_NAMED
@@ -204,8 +205,8 @@ TINY = World(3, "default", 3, 3, coarse=True)
 
 def drawn(name, **parameters):
     """A drawn effect of the whole fleet."""
-    one = {"name": name, "tails": None, "parameters": parameters, "period": None}
-    return Drawn(name, (one,), *([CATALOGUE[name].draw] if name in CATALOGUE else []))
+    effect = {"name": name, "tails": None, "parameters": parameters, "period": None}
+    return Drawn(name, (effect,), *([CATALOGUE[name].draw] if name in CATALOGUE else []))
 
 
 def test_the_true_closure_is_that_of_the_twin_without_the_effect(tmp_path):
@@ -223,13 +224,13 @@ def test_the_true_closure_is_that_of_the_twin_without_the_effect(tmp_path):
 
 
 def test_an_outside_case_takes_the_first_draw_that_no_name_explains(tmp_path):
-    def one(*shape, component="across_heading"):
-        parts = {"parts": [part(*shape)], "shape": shape[1]}
+    def candidate(*shape, component="across_heading"):
+        parts = {"parts": [shape_of(*shape)], "shape": shape[1]}
         return drawn("outside", component=component, size_m_s=1.5, sign=1.0, **parts)
 
-    always = one("airspeed", "hinge", 0.0, 0.1, component="along_heading")
-    cycle = one("magnetic_heading", "linear", 0.3, 0.1)
-    saw = one("hour", "saw", 0.1, 0.26)
+    always = candidate("airspeed", "hinge", 0.0, 0.1, component="along_heading")
+    cycle = candidate("magnetic_heading", "linear", 0.3, 0.1)
+    saw = candidate("hour", "saw", 0.1, 0.26)
     case = Case("case_1", 4, "outside", TINY, (cycle,), (1.5,), (), "saw", (always, saw))
     label = Archivist(tmp_path).write(case)
     truth = label["outside"]
