@@ -51,7 +51,7 @@ def _once(factory, name, make):
     """Folder for all tests of the run, made by the first worker that needs it."""
     shared = factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
-        shared = shared.parent  # the run's own
+        shared = shared.parent  # of the run
     folder = shared / name
     with (shared / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

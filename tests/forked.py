@@ -10,7 +10,7 @@ _SERVER.set_forkserver_preload(["airswing.workflow", "matplotlib.figure"])
 
 
 def forked(function, *arguments, **options):
-    """Start a function of a test module in a process of its own."""
+    """Start a function of a test module in a separate process."""
     everything = os.environ.copy(), function, arguments, options
     process = _SERVER.Process(target=_within, args=everything)
     process.start()

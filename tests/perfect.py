@@ -22,7 +22,7 @@ import pandas as pd
 import ppigrf
 import pyproj
 
-from tests.reference.builders import build, grid_keys
+from tests.reference.builders import PARALLELS, build, grid_keys
 
 START = datetime(2009, 2, 27)
 LEVELS = (600, 500, 400, 300)
@@ -208,78 +208,43 @@ def write_reports(table, path, **options):
     return path
 
 
-_SPHERE = {1: "+R=6367470 +no_defs", 2: "+R=6371229 +no_defs"}
-
-
 def _degrees(name, first, size, step, **more):
     last = first[0] + step[0] * (size[0] - 1), first[1] + step[1] * (size[1] - 1)
     keys = grid_keys("regular_ll", size, first, last, uvRelativeToGrid=0)
     return Place(name, keys, size, step, first, along_grid=False, **more)
 
 
-def _projected(name, kind, crs, first, size, metres, last=None, *, edition=2, **keys):
-    """Grid of equal steps in metres."""
-    steps = ("DiInMetres", "DjInMetres") if kind == "mercator" else ("DxInMetres", "DyInMetres")
-    keys = dict.fromkeys(steps, metres) | keys
-    if edition == 2:
-        keys |= {"shapeOfTheEarth": 6}
-    keys_of_grid = grid_keys(kind, size, first, last, **keys)
-    crs = f"{crs} {_SPHERE[edition]}"
-    return Place(name, keys_of_grid, size, (metres, metres), first, crs, edition)
+def _turned(name, kind, crs, size, first, step, *, last=None, edition=2, **keys):
+    """Grid of equal steps along which the components of the wind point."""
+    keys = grid_keys(kind, size, first, last, **keys, uvRelativeToGrid=1)
+    radius = {1: 6367470, 2: 6371229}[edition]
+    crs = f"+proj={crs} +R={radius} +no_defs"
+    return Place(name, keys, size, (step, step), first, crs, edition)
 
 
-def _lambert(name, first, lov, latins, *, size=(33, 29), metres=90000, edition=2):
-    keys = {
-        "LoVInDegrees": lov % 360,
-        "Latin1InDegrees": latins[0],
-        "Latin2InDegrees": latins[1],
-        "projectionCentreFlag": 128 * (latins[0] < 0),
-        "uvRelativeToGrid": 1,
-    }
-    if edition == 2:
-        keys["LaDInDegrees"] = latins[0]
-    crs = f"+proj=lcc +lat_1={latins[0]} +lat_2={latins[1]} +lat_0={latins[0]} +lon_0={lov}"
-    return _projected(name, "lambert", crs, first, size, metres, edition=edition, **keys)
-
-
-def _polar(name, first, lov):
-    """A grid around the south pole."""
-    keys = {
-        "orientationOfTheGridInDegrees": lov % 360,
-        "projectionCentreFlag": 128,
-        "resolutionAndComponentFlags": 8,
-        "LaDInDegrees": -60.0,
-    }
-    crs = f"+proj=stere +lat_0=-90 +lat_ts=-60 +lon_0={lov}"
-    return _projected(name, "polar_stereographic", crs, first, (31, 27), 100000, **keys)
-
-
-def _mercator(name, first, last, true):
-    crs = f"+proj=merc +lat_ts={abs(true)} +lon_0={first[0] + 15.0}"
-    keys = {"LaDInDegrees": true, "uvRelativeToGrid": 1}
-    return _projected(name, "mercator", crs, first, (29, 25), 110000, last, **keys)
-
-
-def _rotated(name, corner, pole):
-    """Corner in rotated degrees; pole is the southern pole's (longitude, latitude)."""
-    size, last = (31, 27), (corner[0] + 30, corner[1] + 26)
-    turn = {"latitudeOfSouthernPoleInDegrees": pole[1], "angleOfRotationInDegrees": 0.0}
-    turn |= {"longitudeOfSouthernPoleInDegrees": pole[0] % 360, "uvRelativeToGrid": 1}
-    keys = grid_keys("rotated_ll", size, corner, last, **turn)
-    crs = f"+proj=ob_tran +o_proj=longlat +o_lon_p=0 +o_lat_p={-pole[1]} +lon_0={pole[0]}"
-    return Place(name, keys, size, (1.0, 1.0), corner, f"{crs} {_SPHERE[2]}")
-
-
-RUC = {"metres": 162546, "edition": 1, "size": (37, 28)}
+RUC = "lcc +lat_1=25 +lat_2=25 +lat_0=25 +lon_0=265"
+STEPS = dict.fromkeys(("DxInMetres", "DyInMetres"), 162546)
+POLE = {"latitudeOfSouthernPoleInDegrees": -40.0, "longitudeOfSouthernPoleInDegrees": 10.0}
+TURNED = "ob_tran +o_proj=longlat +o_lon_p=0 +o_lat_p=40.0 +lon_0=10.0"
+FIJI = dict.fromkeys(("DiInMetres", "DjInMetres"), 110000) | {"LaDInDegrees": -20.0}
+FIJI |= {"shapeOfTheEarth": 6, "last": (195.0, -8.0)}
 PLACES = {
     place.name: place
     for place in (
-        _lambert("ruc_grib1", (233.862, 16.281), 265.0, (25.0, 25.0), **RUC),
-        _lambert("alaska_lambert_across_180", (165.0, 42.0), 190.0, (50.0, 65.0)),
+        _turned(
+            *("ruc_grib1", "lambert", RUC, (37, 28), (233.862, 16.281), 162546),
+            **(STEPS | PARALLELS | {"edition": 1}),
+        ),
         _degrees("alaska_minus180", (-200.0, 50.0), (41, 23), (1.0, 1.0)),
         _degrees("greenwich_global", (0.0, 30.0), (180, 31), (2.0, 1.0), periodic=True),
-        _rotated("europe_rotated", (-15.0, -13.0), (10.0, -40.0)),
-        _polar("southern_polar", (20.0, -60.0), 0.0),
-        _mercator("fiji_mercator_across_180", (165.0, -32.0), (195.0, -8.0), -20.0),
+        _turned(
+            *("europe_rotated", "rotated_ll", TURNED, (31, 27), (-15.0, -13.0), 1.0),
+            **(POLE | {"angleOfRotationInDegrees": 0.0, "last": (15.0, 13.0)}),
+        ),
+        _turned(
+            *("fiji_mercator_across_180", "mercator", "merc +lat_ts=20 +lon_0=180"),
+            *((29, 25), (165.0, -32.0), 110000),
+            **FIJI,
+        ),
     )
 }

@@ -152,7 +152,7 @@ def test_bad_model_files_among_good_ones_are_counted_and_named(archive, tmp_path
         (b"\x89HDF\r\n\x1a\njunk", "a damaged NetCDF file"),
     ],
 )
-def test_a_product_that_is_none(archive, tmp_path, content, says):
+def test_damaged_products_are_refused(archive, tmp_path, content, says):
     with_products(archive, tmp_path)
     (place,) = (tmp_path / "out/headings").glob("*.nc")
     place.write_bytes(content)
@@ -180,13 +180,13 @@ def test_a_disk_full_midway_leaves_the_earlier_products(archive, tmp_path):
     assert not [*tmp_path.rglob("*.part")]
 
 
-def test_a_sample_where_no_folder_can_be(tmp_path):
+def test_a_sample_in_an_impossible_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     refused("sample", tmp_path / "file" / "sub", says=(str(tmp_path / "file"),))
 
 
 @pytest.mark.parametrize("stage", ["collocate", "fit", "correct", "gap", "run"])
-def test_a_folder_another_run_holds_is_left_to_it(archive, tmp_path, stage):
+def test_a_folder_locked_by_another_run_is_refused(archive, tmp_path, stage):
     config, before = configure(archive, tmp_path), with_products(archive, tmp_path)
     note = tmp_path / "out" / ".airswing" / "finished"
     note.parent.mkdir(exist_ok=True)

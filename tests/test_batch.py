@@ -19,7 +19,7 @@ from tests.command import configured
 pytest.importorskip("dask_jobqueue")
 
 SBATCH = """#!/bin/bash
-cp "$1" {folder}/job.sh  # Slurm keeps a copy of its own: the caller's is gone soon
+cp "$1" {folder}/job.sh  # Slurm keeps a copy, since the caller deletes the script soon
 setsid bash {folder}/job.sh > {folder}/job.log 2>&1 &
 echo $! >> {folder}/submitted
 echo "Submitted batch job $!"

@@ -13,7 +13,7 @@ from tests.command import airswing
 
 
 def process(*words):
-    """Run the command in a process of its own."""
+    """Run the command in a separate process."""
     words = [sys.executable, "-m", "airswing", *map(str, words)]
     return subprocess.run(words, capture_output=True, text=True, timeout=240)
 
@@ -44,12 +44,6 @@ def test_an_empty_output_is_one_error_and_nothing_is_written_here(words, folder)
     done = airswing(*words, "--output", "")
     assert done.returncode == 2 and done.stderr.count("the path is empty") == 1
     assert not list(folder.iterdir())
-
-
-def test_a_stage_without_the_product_before_it_says_so(quickstart_config, folder):
-    done = airswing("fit", quickstart_config(folder))
-    assert done.returncode == 2
-    assert "headings" in done.stderr and "airswing run" in done.stderr
 
 
 def test_stages_one_by_one_and_the_json_summary(

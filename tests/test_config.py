@@ -147,13 +147,13 @@ def test_messages_are_short_lines(value):
     assert text.isprintable()
 
 
-def test_short_text_stays_as_it_is():
+def test_short_text_is_unchanged():
     assert shortened("two  blanks") == "two  blanks"
     error = ConfigError("unknown key; did you mean 'pool'?", file="c.yaml", field="pol", found=3)
     assert str(error) == "c.yaml: pol: unknown key; did you mean 'pool'? (found: 3)"
 
 
 def test_errors_travel_between_processes():
-    error = InputError("wrong", file="f", found=[1, 2], remedy="Mend it")
+    error = InputError("wrong", file="f", found=[1, 2], remedy="Correct it")
     again = pickle.loads(pickle.dumps(error))
     assert (str(again), again.found) == (str(error), [1, 2])

@@ -67,7 +67,7 @@ REJECTED = "".join(
 
 
 def make_seeds(folder):
-    """Write one valid file of every kind; kept work stands for its folder."""
+    """Write one valid file of every kind; for the notes of a run, its folder."""
     folder.mkdir(parents=True, exist_ok=True)
     table = reports()
     makers = {

@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 import yaml
 from tests.blind_check.made_up import informed
+from tests.command import airswing
 from tests.gap.toy import effect, make_frame
-from typer.testing import CliRunner
 
 from airswing.blind_check import Plan, gap_check, write_report
 from airswing.blind_check.check import run_command
 from airswing.blind_check.score import draws
 from airswing.blind_check.summary import case_table, summary_table
-from airswing.cli import app
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE, Parameter, register, separated_by, unregister
 from airswing.gap.effects.base import HeadingEffect, ProportionalEffect
@@ -106,9 +105,9 @@ def diagnosed(config, output, without):
     """Run the public command: in a new process for the first archive, else in this one."""
     if config.parent.name == "case_001":
         return run_command(config, output, without)
-    words = ["gap", str(config), "--output", str(output), "--quiet"]
-    done = CliRunner().invoke(app, [*words, *(f"--without={name}" for name in without)])
-    assert done.exit_code == 0, done.output
+    left_out = (f"--without={name}" for name in without)
+    done = airswing("gap", config, "--output", output, "--quiet", *left_out)
+    assert done.returncode == 0, done.stderr
     return json.loads((output / "gap.json").read_text())
 
 

@@ -35,6 +35,9 @@ class Setting:
     legs: int = 3
 
 
+NO_ERROR = {"day_error": 0.0, "flight_error": 0.0, "ground_error": 0.0, "bias_spread": 0.0}
+
+
 def curve(coefficients, m):
     """A + B sin m + C cos m + D sin 2m + E cos 2m, degrees; coefficients (..., 5)."""
     x = np.radians(m)

@@ -114,7 +114,7 @@ def test_rounding_to_the_unit_and_refused_fits():
     assert (zero == 0).all() and not np.signbit(zero).any()
 
 
-def test_the_csv_file_has_every_node_and_refused_fits(tmp_path):
+def test_the_csv_file_lists_every_node_also_of_refused_fits(tmp_path):
     fits = fits_of([1, 3, -2, 0, 0], [np.nan] * 5)
     with pytest.raises(InputError, match="add_tables"):
         write_tables_csv(fits, tmp_path / "tables.csv")
@@ -172,7 +172,7 @@ def test_corrected_wind_is_near_the_truth(fleet, method):
     assert np.abs(wrap(done["corrected_heading"] - headings["heading"])).max() < 15
 
 
-def test_every_report_of_a_fitted_aircraft_and_no_other(fleet):
+def test_only_reports_of_fitted_aircraft_are_corrected(fleet):
     headings, _, fits = fleet
     headings, fits = headings.copy(deep=True), fits.copy(deep=True)
     size = int(headings["row_size"][0])
@@ -201,7 +201,7 @@ def test_every_report_of_a_fitted_aircraft_and_no_other(fleet):
     assert np.isnan(done["corrected_eastward_wind"][6])
 
 
-def test_the_curve_s_one_cycle_grows_where_the_field_is_weak(fleet):
+def test_the_one_cycle_term_grows_where_the_field_is_weak(fleet):
     # B = 3 degrees at a mean of 20,000 nT is 4 degrees at 15,000 nT; A, D, E stay, and the table
     headings, _, fits = fleet
     headings, fits = headings.copy(deep=True), fits.copy(deep=True)

@@ -21,9 +21,9 @@ from airswing.physics.triangle import (
     vector_from_bearing,
     wind_components,
     wind_from_triangle,
-    wrap_signed,
 )
 from airswing.vocabulary import VARIABLES
+from tests.compass.flown import wrap
 from tests.ragged import ragged
 
 GEOD = Geod(ellps="WGS84")
@@ -119,14 +119,14 @@ def uses(ds):
 
 def error(angle, expected):
     """Signed difference of angles in degrees."""
-    return np.degrees(wrap_signed(np.radians(np.asarray(angle, float) - expected)))
+    return wrap(np.asarray(angle, float) - expected)
 
 
 def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def test_the_compass_error_flown_is_the_heading_error_found():
+def test_heading_errors_equal_the_simulated_compass_errors():
     reports = flown(airspeed_scale=1.02)
     truth = reports.attrs["truth"]
     ds = derive_headings(reports, model(reports))
@@ -158,7 +158,7 @@ def test_missing_winds_of_one_reference_leave_the_other():
 
 
 @pytest.mark.parametrize(("position", "tick"), [(TENTH_MINUTE, 1.0), (0.01, 60.0)])
-def test_the_standard_error_is_the_error(position, tick):
+def test_stated_standard_errors_equal_the_scatter_of_heading_errors(position, tick):
     reports = flown(flights=60, position=position, tick=tick)
     ds = derive_headings(reports, model(reports), acceleration_density=0.0)
     miss = ds.heading_error[0].values - reports.attrs["truth"]["error"]
@@ -203,7 +203,7 @@ def test_a_column_of_another_quantity_is_not_used(column, reason):
     np.testing.assert_allclose(ds.heading_error[0].values, truth["error"], atol=0.6)
 
 
-def test_too_few_reports_or_one_wild_one():
+def test_reported_headings_need_enough_reports_and_tolerate_an_outlier():
     for reports, use in ((flown(flights=2, fixes=8), "too_few"), (flown(), "used")):
         truth = reports.attrs["truth"]
         heading, airspeed = truth["unit_heading"].copy(), truth["unit_airspeed"].copy()
@@ -230,7 +230,7 @@ def test_inconsistent_input_is_refused():
     assert derive_headings(none, model(none)).heading_error.shape == (1, 0)
 
 
-def test_a_research_aircraft_from_its_fixes_and_wind_alone(real):
+def test_headings_of_a_research_aircraft_follow_from_fixes_and_wind(real):
     """Derived heading and airspeed against those its instruments recorded."""
     with xr.open_dataset(real("heading/ncar_gv_20131001.nc"), engine="netcdf4") as ds:
         gv = ds.load().isel(Time=slice(0, None, 20))
@@ -282,24 +282,21 @@ def two_references():
     return reports, winds, stages(reports, winds)
 
 
-@pytest.mark.parametrize("row_size", ["in memory", "lazy"])
 @pytest.mark.parametrize("chunks", [{"report": 50}, {"report": 300, "aircraft": 2}, {"report": -1}])
-def test_nothing_is_computed_and_the_result_is_the_eager_one(two_references, chunks, row_size):
+def test_stages_are_lazy_and_equal_the_eager_result(two_references, chunks):
     reports, winds, eager = two_references
-    lazy_reports, lazy_winds = reports.chunk(chunks), winds.chunk({"report": 70})
-    if row_size == "in memory":
-        lazy_reports = lazy_reports.assign(row_size=reports["row_size"])
     with dask.config.set(scheduler=refuse):
-        lazy = stages(lazy_reports, lazy_winds)
+        lazy = stages(reports.chunk(chunks), winds.chunk({"report": 70}))
     for scheduler in ("synchronous", "threads"):
         for expected, computed in zip(eager, dask.compute(*lazy, scheduler=scheduler), strict=True):
             xr.testing.assert_identical(computed, expected)
 
 
-def test_blocks_are_whole_aircraft_and_processes_give_the_same(two_references):
+def test_blocks_contain_complete_aircraft_and_processes_give_equal_results(two_references):
+    """With row sizes in memory, as products have them."""
     reports, winds, eager = two_references
-    lazy = reports.chunk({"report": 50}).assign(row_size=reports["row_size"])
-    ds = stages(lazy, winds)
-    assert ds[0]["heading"].chunks == (tuple(reports["row_size"].to_numpy().tolist()),)
-    with dask.config.set(scheduler="processes", num_workers=2):
-        xr.testing.assert_identical(ds[2].compute(), eager[2])
+    with dask.config.set(scheduler=refuse):
+        lazy = stages(reports.chunk({"report": 50}).assign(row_size=reports["row_size"]), winds)
+    assert lazy[0]["heading"].chunks == (tuple(reports["row_size"].to_numpy().tolist()),)
+    for expected, computed in zip(eager, dask.compute(*lazy, scheduler="processes"), strict=True):
+        xr.testing.assert_identical(computed, expected)

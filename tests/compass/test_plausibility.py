@@ -189,7 +189,7 @@ def test_without_temperatures_the_speed_at_the_level_shows_metres_under_feet():
     assert (finding.quantity, finding.likely) == ("pressure_altitude", "values in m read as ft")
 
 
-def test_one_aircraft_of_a_fleet_and_aircraft_with_few_reports():
+def test_single_aircraft_are_named_and_aircraft_with_few_reports_are_pooled():
     first = np.arange(AIRCRAFT * FLIGHTS * REPORTS) < FLIGHTS * REPORTS
     (finding,) = plausibility(archive(scaled("speed", np.where(first, KNOT, 1.0))))
     assert finding.aircraft == ("A",)
@@ -203,7 +203,7 @@ def test_one_aircraft_of_a_fleet_and_aircraft_with_few_reports():
     ("turn", "likely"),
     [(14.0, "headings taken for true are magnetic"), (-14.0, "taken for magnetic are true")],
 )
-def test_headings_of_the_other_kind_are_named(turn, likely):
+def test_magnetic_headings_taken_for_true_are_named_and_the_reverse(turn, likely):
     values = {"offset": turn, "offset_standard_error": 0.3, "status": STATUS["ok"]}
     data = {name: (("reference", "aircraft"), np.full((1, 4), x)) for name, x in values.items()}
     data["mean_declination"] = "aircraft", np.full(4, -14.0)
@@ -251,7 +251,7 @@ def test_clocks_of_another_time_zone(ahead, evidence):
     assert len(clock) == (evidence != "")
 
 
-def test_the_status_and_the_sentence():
+def test_implausible_aircraft_get_a_status_and_a_warning():
     status = (("reference", "aircraft"), np.array([[0, 1, 4, 7, 0]], dtype=np.int8))
     fits = xr.Dataset({"status": status}, coords={"reference": ["ruc"], "aircraft": list("ABCDE")})
     marked = with_implausible(fits, plausibility(archive(scaled("speed", KNOT))))
@@ -265,7 +265,7 @@ def test_the_status_and_the_sentence():
 
 @pytest.mark.parametrize("amplitude", [25.0, 30.0])
 @pytest.mark.parametrize("strength", [1.0, 0.3])
-def test_a_large_deviation_and_weak_winds_are_no_wrong_unit(amplitude, strength):
+def test_large_deviations_and_weak_winds_are_not_taken_for_wrong_units(amplitude, strength):
     def deviated(fields):
         wind = strength * speed_and_direction(fields)
         air = fields["ground"] - wind

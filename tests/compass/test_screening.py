@@ -89,7 +89,7 @@ def test_phases_and_absent_ground_vectors():
     assert attrs["flag_meanings"].split() == list(SCREENING)
 
 
-def test_limits_are_limits():
+def test_values_beyond_each_limit_are_rejected():
     turns = headings(*({"turn": turn} for turn in (9.99, -9.99, 10.01, np.nan)))
     assert [bit > 0 for bit in bits(turns)] == [False, False, True, False]
     turns = headings({"turn": 5.0})
@@ -101,7 +101,7 @@ def test_limits_are_limits():
     assert bits(coarse) == [0, SCREENING["no_ground_vector"]]
 
 
-def test_gross_errors_only():
+def test_gross_errors_are_rejected_and_large_deviations_are_not():
     distant = {"reference_northward_wind": (60.0, -4.0)}  # the other agrees: it would bend one fit
     assert bits(headings(distant)) == [SCREENING["gross_error"]]
     assert bits(headings({"reference_northward_wind": (np.nan, -4.0)})) == [0]
@@ -116,7 +116,7 @@ def test_gross_errors_only():
     assert bits(headings({**jet, "airspeed": 100.0})) == [SCREENING["gross_error"]]
 
 
-def test_the_audit():
+def test_the_audit_counts_rejections_together_and_alone():
     ds = headings(
         {},
         WORST["turn"],

@@ -1,7 +1,4 @@
-"""Simulated headings for the evaluation: compasses that change, references with known errors.
-
-Built on the fit's simulator: what it makes is moved by errors of the reference wind given here.
-"""
+"""Simulated headings for the evaluation: compasses that change, references with known errors."""
 
 import numpy as np
 from scipy.signal import lfilter
@@ -26,11 +23,6 @@ def day_number(ds):
     return (ds["time"].to_numpy() - ORIGIN).astype("timedelta64[D]").astype(int)
 
 
-def flown(deviation, setting, seed):
-    """Headings of a fleet with known deviations, degrees, with places."""
-    return placed(fly(deviation, setting, seed)[0], seed)
-
-
 def fleet(seed, setting, **options):
     """Headings of a fleet with drawn deviations, and those deviations (degrees)."""
     deviation = fleet_deviations(setting.aircraft, np.random.default_rng([seed, 7]), **options)
@@ -45,15 +37,8 @@ def with_change(seed, setting, *, day, change, until=None):
     return flown(deviation + changed * change[:, np.newaxis], setting, seed)
 
 
-def persistent_error(seed, days, *, size, persistence, columns=2):
-    """Errors of consecutive days, (day, column), first-order autoregressive."""
-    rng = np.random.default_rng([seed, 11])
-    shock = rng.normal(0, size * np.sqrt(1 - persistence**2), (days + 60, columns))
-    return lfilter([1.0], [1.0, -persistence], shock, axis=0)[60:]
-
-
 def with_reference_error(ds, reference, du, dv):
-    """Headings as they would be, were a reference's wind off by (du, dv) more, m/s a report."""
+    """Headings with errors (du, dv), m/s by report, added to the wind of a reference."""
     k = list(ds["reference"].to_numpy()).index(reference)
     psi, airspeed = np.radians(ds["heading"].to_numpy()), ds["airspeed"].to_numpy()
     error = np.radians(ds["heading_error"].to_numpy())
@@ -74,9 +59,9 @@ def with_reference_error(ds, reference, du, dv):
     return ds.assign(ragged(columns))
 
 
-def placed(ds, seed):
-    """Give every flight a place, a level and a lead time."""
-    rng = np.random.default_rng([seed, 13])
+def flown(deviation, setting, seed):
+    """Headings of a fleet with known deviations (degrees); a place, level and lead by flight."""
+    ds, rng = fly(deviation, setting, seed)[0], np.random.default_rng([seed, 13])
     flight = ds["flight"].to_numpy()
     number = int(flight.max()) + 1
     columns = {
@@ -90,7 +75,7 @@ def placed(ds, seed):
 
 
 def references(seed, setting, *, size=1.2, persistence=0.5, regional=None):
-    """Headings against references of equal truth; the errors of each persist from day to day.
+    """Headings against references of equal truth, with errors autoregressive from day to day.
 
     ``regional`` adds an eastward bias (m/s) to a reference west of 88 W.
     """
@@ -98,7 +83,9 @@ def references(seed, setting, *, size=1.2, persistence=0.5, regional=None):
     day = day_number(ds)
     west = ds["longitude"].to_numpy() < -88.0
     for k, name in enumerate(ds["reference"].to_numpy().tolist()):
-        seeds, bias = seed + 1000 * (k + 1), (regional or {}).get(name, 0.0)
-        error = persistent_error(seeds, setting.days, size=size, persistence=persistence)
-        ds = with_reference_error(ds, name, error[day, 0] + bias * west, error[day, 1])
+        rng = np.random.default_rng([seed + 1000 * (k + 1), 11])
+        shock = rng.normal(0, size * np.sqrt(1 - persistence**2), (setting.days + 60, 2))
+        error = lfilter([1.0], [1.0, -persistence], shock, axis=0)[60 + day]
+        bias = (regional or {}).get(name, 0.0) * west
+        ds = with_reference_error(ds, name, error[:, 0] + bias, error[:, 1])
     return ds

@@ -97,7 +97,7 @@ def test_a_report_without_a_magnetic_heading_is_left_out():
     assert reduced == complete - np.isnan(heading).sum()
 
 
-def test_an_aircraft_of_one_day_decides_nothing():
+def test_an_aircraft_with_one_day_does_not_change_the_comparison():
     """Its day leaves no scatter about eight coefficients: it has no difference."""
     ds = references(3, replace(SETTING, days=40, reports_a_flight=30))
     late = (aircraft_of_report(ds) == 7) & (day_number(ds) > 0)

@@ -135,7 +135,7 @@ def test_means_by_hand():
     assert levels[fleet.corrected[1]]["during_kt"] == pytest.approx(speed[rows].mean())
 
 
-def test_the_worst_of_the_first_half_fall_by_themselves():
+def test_regression_to_the_mean_by_hand():
     """One report a day; the worst two fall by 4 and 2, the others rise by 1 and 0."""
     total = np.array([[9, 9, 5, 5, 5, 5], [8, 8, 6, 6, 5, 5], [5, 5, 6, 6, 5, 5], [4.0] * 6])
     during = np.arange(6) >= 4
@@ -163,7 +163,7 @@ def test_bad_groups_and_windows_are_named(options, words):
     assert all(word in str(caught.value) for word in words)
 
 
-def test_a_flag_no_report_carries_cannot_be_required_and_is_said():
+def test_a_flag_that_no_report_has_is_noted_and_not_required():
     fleet = simulate_fleet(0, days=(5, 5), corrected=3, controls=3, flights=1, reports=2)
     fleet.headings["roll_flag"][:] = 0
     assert "roll_flag" in run(fleet)["notes"][0]

@@ -57,7 +57,7 @@ def test_the_gain_is_that_of_the_corrected_winds(headings, corrected):
     assert names == (corrected or headings["aircraft"].to_numpy().tolist())
 
 
-def test_nothing_after_the_date_reaches_the_fit(headings):
+def test_the_prediction_uses_no_report_after_the_date(headings):
     """Ruin every later wind: the prediction stays what it was to the last bit."""
     late = headings["time"].to_numpy() >= np.datetime64(UNTIL)
     ruined = headings.copy(deep=True)
@@ -124,7 +124,7 @@ def test_held_out_days_agree_with_the_prediction(headings):
 
 
 @pytest.mark.parametrize("joint", [False, True])
-def test_coefficients_without_a_part_are_those_of_a_fit_without_it(headings, joint):
+def test_held_out_coefficients_equal_those_of_a_fit_without_the_fold(headings, joint):
     """First order against a fit of the other reports: closer than a fifth of a standard error."""
     complete = fit_deviation(headings, joint=joint).isel(reference=0)
     error = np.sqrt(np.diagonal(complete["deviation_covariance"].to_numpy(), axis1=1, axis2=2))
@@ -139,8 +139,6 @@ def test_coefficients_without_a_part_are_those_of_a_fit_without_it(headings, joi
         )
         assert fold_difference.max() < 0.2 < 0.6 < complete_difference.max()
 
-
-# --- expected gain and ranking ----------------------------------------------------------------
 
 AMPLITUDE = np.array([6.0, 0.0, 3.0, 1.5])
 

@@ -88,7 +88,7 @@ def test_two_changes_of_one_compass_are_both_stated():
     assert entries[1]["changes"] == []
 
 
-def test_a_fit_whose_period_contains_a_change_says_so(changed):
+def test_a_fit_over_a_change_carries_a_warning(changed):
     ds, entries = changed
     single = fit_deviation(ds)
     fits = add_changes(single, entries)
@@ -125,8 +125,6 @@ def test_windows_are_those_of_the_calendar_and_state_their_reports(changed, wind
     assert all("offset" not in entry for entry in windows)
 
 
-# --- the sequential test ----------------------------------------------------------------------
-
 WORLD = World(days_off=0.0)
 
 
@@ -162,9 +160,6 @@ def test_a_fleet_without_a_change_has_no_alarm():
     watch = watched(world, aircraft=30, days=180, seed=21)
     assert watch.tested.alarms == []
     assert not any(entry["changes"] for entry in watch.changes)
-
-
-# --- events --------------------------------------------------------------------------------------
 
 
 SMALL = Setting(aircraft=6, days=45, flights_a_day=4, reports_a_flight=10)
@@ -225,7 +220,7 @@ def test_states_hold_the_disagreement_of_the_winds_and_the_tables(stepped, monit
     )
 
 
-def test_a_table_on_board_that_is_off_is_reported(stepped, monitored, tmp_path):
+def test_an_outdated_table_on_board_is_reported(stepped, monitored, tmp_path):
     ds, fits = stepped
     path = write_tables_csv(fits, tmp_path / "tables.csv")
     read = read_tables(path, reference="ruc")
@@ -246,7 +241,7 @@ def test_a_table_on_board_that_is_off_is_reported(stepped, monitored, tmp_path):
         read_tables(path, reference="ruc")
 
 
-def test_winds_that_grow_worse_are_reported_and_corrected_winds_are_what_counts():
+def test_rising_disagreement_of_the_corrected_winds_is_reported():
     ds, _ = fleet(5, SMALL, amplitude=2.0)
     fits = fitted(ds)
     worse = (aircraft_of_report(ds) == 1) & (ds["time"].to_numpy() >= np.datetime64("2008-08-03"))
@@ -260,7 +255,7 @@ def test_winds_that_grow_worse_are_reported_and_corrected_winds_are_what_counts(
     assert monitoring.states[3].disagreement_kt < find_events(ds, fits).states[3].disagreement_kt
 
 
-def test_aircraft_that_come_and_go():
+def test_new_and_silent_aircraft_are_events():
     ds, _ = fleet(7, SMALL, amplitude=2.0)
     day, who = day_number(ds), aircraft_of_report(ds)
     present = ~((who == 0) & (day < 30)) & ~((who == 5) & (day > 33))
@@ -293,7 +288,7 @@ def test_a_second_change_soon_after_the_first_is_reported(stepped, monitored):
     assert find_events(ds, fits, previous=late).new_events == []
 
 
-def test_reports_that_were_all_left_out_are_days_without_a_wind():
+def test_days_with_only_screened_reports_have_no_disagreement():
     ds, _ = fleet(7, replace(SMALL, aircraft=2, days=12), amplitude=2.0)
     fits = fitted(ds)
     none = ds.assign(screening=("report", np.full(ds.sizes["report"], 2, np.int32)))
@@ -315,7 +310,7 @@ def test_a_silence_is_measured_by_the_aircrafts_past_and_days_of_the_fleet():
         assert first.tolist() == [0, 0, 0, 60]
 
 
-def test_a_file_of_something_else_is_one_message(tmp_path):
+def test_files_of_other_content_are_refused(tmp_path):
     path = tmp_path / "events.json"
     for text in ("{", "[]", '{"version": 9}', '{"version": 1, "states": [{}]}'):
         path.write_text(text)

@@ -104,7 +104,7 @@ def test_one_reference_and_neighbours():
     assert np.isfinite(filled).all() and filled[1, 0] == pytest.approx(after)
 
 
-def test_two_references_of_independent_error_make_a_hat():
+def test_two_independent_references_use_the_three_cornered_hat():
     headings, corrected, reported = fleet(5, references=(("a", 2.0), ("b", 1.5)), far=True, days=60)
     pools = {"a": ["a"], "b": ["b"], "a+b": ["a", "b"]}
     errors = observation_errors(headings, corrected, pools=pools, reference="a+b")
@@ -131,7 +131,7 @@ def test_references_with_correlated_errors_are_recognised():
     assert by_hat(assumed) == pytest.approx(fleet_error(errors), rel=1e-6)
 
 
-def test_one_day_of_one_reference_has_no_error_and_a_reason(tmp_path):
+def test_one_day_of_one_reference_gives_a_reason_and_no_error(tmp_path):
     headings, corrected, _ = fleet(1, days=1)
     errors = observation_errors(headings, corrected, pools={"a": ["a"]}, reference="a")
     assert errors.attrs["method"] == ""
@@ -139,7 +139,7 @@ def test_one_day_of_one_reference_has_no_error_and_a_reason(tmp_path):
     assert "could not be determined" in report_errors_section(errors, Figures()).lead
 
 
-def test_what_could_not_be_corrected_does_not_count():
+def test_uncorrected_reports_do_not_count():
     headings, corrected, _ = fleet(3, days=10)
     applied = np.zeros(headings.sizes["report"], dtype=np.int8)
     applied[: headings["row_size"].to_numpy()[0]] = 1

@@ -4,7 +4,7 @@ from datetime import date
 
 import numpy as np
 import pytest
-from tests.compass.flown import Setting, fly
+from tests.compass.flown import NO_ERROR, Setting, fly
 from tests.gap.toy import effect, make_frame
 
 from airswing.gap.checks import (
@@ -109,13 +109,11 @@ def test_the_true_cause_closes_by_the_same_fit(deviating):
     assert closed.mean() > 0.5
 
 
-FIT = {"shared_error": False, "min_reports": 100, "harmonics": 1}
 SIZE = 1200
 
 
 def headings(*, wrong=0.0, scale=0.0):
     """Two aircraft, one cycle of 2 degrees each; a wrong eastward model wind, airspeed factors."""
-    only_noise = {"day_error": 0.0, "flight_error": 0.0, "ground_error": 0.0, "bias_spread": 0.0}
     setting = Setting(
         aircraft=2,
         days=30,
@@ -124,7 +122,7 @@ def headings(*, wrong=0.0, scale=0.0):
         bias=(wrong, 0.0),
         scale_spread=scale,
         noise=1.0,
-        **only_noise,
+        **NO_ERROR,
     )
     ds, _ = fly([[0.0, 1.8, 0.9, 0.0, 0.0]] * 2, setting, 0)
     shown = np.radians(ds["heading"])
@@ -161,7 +159,8 @@ def test_fits_and_field_test_without_the_bias_of_a_reference_are_those_of_an_unb
         "temperature_qc": "ignore",
         "draws": 50,
     }
-    options = {"pools": {"ruc": ["ruc"]}, "reference": "ruc", "fit": FIT | {"joint": False}}
+    fit = {"shared_error": False, "min_reports": 100, "harmonics": 1, "joint": False}
+    options = {"pools": {"ruc": ["ruc"]}, "reference": "ruc", "fit": fit}
     off = adjustment("reference_speed_bias", reference=[-6.0, 0.0])
     claims = review_claims(headings(wrong=6.0), off, field_test=test, **options)
     clean = review_claims(headings(), adjustment("time_lag"), field_test=test, **options)

@@ -16,8 +16,8 @@ from airswing.gap.effects.empirical import Table, change_of
 from airswing.gap.effects.reference_speed_bias import LEVELS
 from airswing.gap.simulation.forward import simulate
 from airswing.physics.atmosphere import altitude_from_pressure, pressure_from_altitude
+from airswing.units import KNOT
 
-KNOT = 1852.0 / 3600.0
 #: The binding names, with parameters that files use.
 NAMES = {
     "acceleration_error": "amplitude_deg by_phase",

@@ -85,7 +85,7 @@ def test_larger_scatter_across_the_heading():
         assert (white * side).sum(axis=1).std() == pytest.approx(1.0, abs=0.04)
 
 
-def test_gross_errors_are_single_reports_not_long_departures():
+def test_gross_errors_are_single_reports_and_not_long_departures():
     data = flown_archive(2, flights=300)
     first = np.flatnonzero(data["flight"] == 50)
     residual = data["residual"].copy()

@@ -1,4 +1,4 @@
-"""Small archives of the package's own generator as frames; it shares no code with the effects."""
+"""Frames of small simulated archives; the generator shares no code with the effects."""
 
 import numpy as np
 

@@ -345,9 +345,6 @@ def test_aircraft_by_number(tmp_path, to):
     assert "N751A 00004, and 1 more" in as_text(result)
 
 
-# --- bad requests --------------------------------------------------------------------------------
-
-
 CONFIG = "reports: {files: r.csv}\nreferences: {ruc: {files: x}}\noutput: out\n"
 
 

@@ -9,9 +9,7 @@ import pytest
 import xarray as xr
 import yaml
 from pyproj import Proj
-from typer.testing import CliRunner
 
-from airswing.cli import app
 from airswing.config_file import load_postprocess
 from airswing.errors import ConfigError, InputError
 from airswing.handover.forecasts.correcting import (
@@ -26,6 +24,7 @@ from airswing.handover.forecasts.correcting import (
 from airswing.handover.forecasts.forecast_pairs import flight_level_pairs, pairs_from_tables
 from airswing.handover.forecasts.stations import forecasts_at_stations, pairs_at_stations
 from airswing.products.netcdf import read_product
+from tests.command import airswing
 from tests.handover.archives import corrected
 from tests.ragged import ragged
 
@@ -71,7 +70,7 @@ def test_command_writes_product_and_page(real, tmp_path):
     config = tmp_path / "config.yaml"
     section = {"pairs": {"files": str(real("stations/verif_raw.txt"))}}
     config.write_text(yaml.safe_dump({"postprocess": section, "output": str(tmp_path / "out")}))
-    done = CliRunner().invoke(app, ["postprocess", str(config), "--json", "--quiet"])
+    done = airswing("postprocess", config, "--json", "--quiet")
     output = json.loads(done.stdout)["variables"]["air_temperature"]
     assert output["kalman"]["rms"]["value"] < output["running_mean"]["rms"]["value"] < 1.3
     low, high = output["kalman"]["skill"]["ci"]
@@ -239,9 +238,8 @@ def test_grib_forecasts_meet_observations(wrf, tmp_path):
 def test_bad_tables_are_refused(tmp_path, text, message):
     file = tmp_path / "pairs.csv"
     file.write_text(text)
-    with pytest.raises(InputError, match=message) as error:
+    with pytest.raises(InputError, match=f"{file}.*{message}"):
         pairs_from_tables([file])
-    assert str(file) in str(error.value) and len(str(error.value)) < 2000
 
 
 def test_bad_lines_are_counted_and_others_kept(tmp_path):
@@ -273,9 +271,6 @@ def test_a_configuration_needs_a_source(tmp_path):
         config.write_text(yaml.safe_dump({"output": "x"} | section))
         with pytest.raises(ConfigError, match=message):
             load_postprocess(config)
-
-
-# --- kernels ----------------------------------------------------------------------------------
 
 
 def by_hand(errors, ratio):
@@ -324,9 +319,6 @@ def test_running_mean_by_hand():
     errors = np.array([1.0, np.nan, 3.0, 5.0, np.nan, np.nan, np.nan])
     mean = running_mean(errors, 3)
     np.testing.assert_allclose(mean, [1.0, 1.0, 2.0, 4.0, 4.0, 5.0, np.nan])
-
-
-# --- winds at flight levels -------------------------------------------------------------------
 
 
 def archive(days, bias, *, count=12):

@@ -176,9 +176,8 @@ def test_other_lines_are_unchanged_and_blank_identifiers_are_filled(tmp_path):
 def test_other_files_are_no_reject_list(tmp_path, text, message):
     base = tmp_path / "list"
     base.write_text(text)
-    with pytest.raises(InputError, match=message) as error:
+    with pytest.raises(InputError, match=f"{base}.*{message}"):
         read_reject_list(base)
-    assert str(base) in str(error.value)
 
 
 def test_a_list_is_needed_and_nothing_is_written_over(tmp_path):
@@ -297,9 +296,6 @@ def test_every_export_gives_an_aircraft_the_same_error(tmp_path, aircraft_error,
     assert np.sqrt(drawn) == pytest.approx(expected, abs=1e-4)
     by_type = read_wind_tables((tmp_path / "obserr.txt").read_text())["UV", "TAMDARS"]
     assert dict(zip(LEVELS, by_type, strict=False))[550] == pytest.approx(layer, abs=0.006)
-
-
-# --- errors of single reports --------------------------------------------------------------------
 
 
 KNOWN = np.array(

@@ -11,9 +11,9 @@ from airswing.physics.bank import LIMIT, bank_at_reports
 from airswing.physics.track import ground_track
 from airswing.physics.triangle import along_cross, bearing, wrap_signed
 from airswing.physics.turns import near_turns
+from airswing.units import KNOT
 
 GEOD = Geod(ellps="WGS84")
-KNOT = 1852.0 / 3600.0
 TENTH_MINUTE = 0.1 / 60.0
 
 
@@ -182,8 +182,6 @@ def test_no_window_reaches_over_a_turn():
     np.testing.assert_allclose(track[11:], 90.0, atol=0.1)
     assert motion.after[3] > 1, "but it does widen on the straight"
 
-
-# headings and bank near turns
 
 SPEED = 100.0
 

@@ -1,5 +1,7 @@
 """Products: whole or absent, described, the same when read back; damaged NetCDF is refused."""
 
+import json
+import pickle
 import struct
 
 import netCDF4
@@ -19,7 +21,7 @@ from airswing.products.netcdf import (
     written_here,
 )
 from airswing.products.ragged import aircraft_of_report, row_bounds
-from airswing.products.whole_files import json_types
+from airswing.products.whole_files import Findings, json_types
 from airswing.vocabulary import lookup
 
 
@@ -66,6 +68,17 @@ def test_times_may_be_missing_one_or_all(tmp_path, times):
 def test_plain_turns_not_a_number_into_none():
     value = {"a": np.float32("nan"), "b": np.arange(2), "c": [np.bool_(True), (1.5,)]}
     assert json_types(value) == {"a": None, "b": [0, 1], "c": [True, [1.5]]}
+
+
+def test_findings_are_a_dict_with_a_line_a_key_and_none_of_them_long():
+    pair = {"references": ["ruc", "rr"], "verdict": "poolable"}
+    findings = Findings(reports=22991, references=["ruc", "rr"], pairs=[pair] * 500, end=None)
+    lines = repr(findings).splitlines()
+    assert lines[:2] == ["reports: 22991", "references: ['ruc', 'rr']"]
+    assert [line.split(": ")[0] for line in lines] == list(findings)
+    assert max(map(len, lines)) <= 100
+    assert json.loads(json.dumps(findings)) == findings
+    assert pickle.loads(pickle.dumps(findings)) == findings
 
 
 def test_the_phase_of_flight_and_of_the_curve_are_distinguished():

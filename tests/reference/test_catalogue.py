@@ -40,7 +40,7 @@ def content(catalogue):
     return [catalogue.files, catalogue.grids, *(array.tobytes() for array in arrays)]
 
 
-def test_what_the_catalogue_says_of_a_real_run(real, tmp_path):
+def test_the_catalogue_of_a_real_run(real, tmp_path):
     folder = real("grib/wrf_ruc13_g212")
     catalogue = build_catalogue(f"{folder}/*", name="ruc", cache_dir=tmp_path)
     assert len(catalogue) == 9 and len(catalogue.files) == 10
@@ -98,9 +98,8 @@ def test_u_without_v_is_named_and_counted(real, tmp_path):
     ],
 )
 def test_files_without_usable_winds_are_refused(name, expected, real, tmp_path):
-    with pytest.raises(InputError, match=expected) as caught:
+    with pytest.raises(InputError, match=f"{name}.*{expected}|{expected}.*{name}"):
         build_catalogue(str(real(name)), name="x", cache_dir=tmp_path)
-    assert str(real(name)) in str(caught.value)
 
 
 def hybrid(level, parameter):

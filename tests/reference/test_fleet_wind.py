@@ -59,7 +59,7 @@ def an_hour(offset, seed=1):
     return ragged(columns, np.full(aircraft, size)), truth
 
 
-def test_no_aircraft_draws_the_field_to_its_own_offset():
+def test_the_fleet_wind_is_not_biased_by_single_offsets():
     rng = np.random.default_rng(3)
     offset = rng.normal(0.0, 1.5, 24)
     reports, truth = an_hour(offset)

@@ -30,7 +30,6 @@ REAL_FILES = [
     "grib/jma_meps_20190605_regular_ll.grib2",
 ]
 SIZE = LATLON["Ni"] * LATLON["Nj"]
-EVERY = np.arange(SIZE)
 PLANE = 10.0 + 8.0 * np.sin(np.arange(LAMBERT["Nx"] * LAMBERT["Ny"]) / 9.0)
 
 
@@ -43,10 +42,6 @@ def field_values(path, row, size, points):
     if isinstance(values, str):
         raise UnreadableMessageError(values)
     return values
-
-
-def isobaric(contents):
-    return [row for row in contents.fields if row.level_kind == ISOBARIC]
 
 
 def decoded(message):
@@ -104,7 +99,7 @@ def test_garbage_between_messages_is_passed_over(tmp_path):
 
 
 @pytest.mark.parametrize("edition", [1, 2])
-def test_what_is_no_whole_message_is_named(edition, tmp_path):
+def test_incomplete_messages_are_named(edition, tmp_path):
     message = build(LATLON, edition=edition)
     contents = scan_file(write(tmp_path / "x", message, message[: len(message) // 2]))
     assert len(contents.fields) == 1
@@ -182,9 +177,6 @@ def test_messages_of_edition_1_above_8_mb(tmp_path):
     np.testing.assert_allclose(read, values[points], atol=1e-4)
 
 
-# values
-
-
 @given(
     edition=st.sampled_from([1, 2]),
     bits=st.integers(1, 32),
@@ -248,9 +240,6 @@ def test_one_message_that_ends_the_decoder_costs_one_message(tmp_path):
         np.testing.assert_array_equal(values, decoded(sound))
 
 
-# damaged headers
-
-
 def section(message, number):
     """Start of a section of a GRIB2 message."""
     at = 16
@@ -296,7 +285,7 @@ def bent(message, place, replacement):
     ],
 )
 def test_damaged_headers_are_named(number, offset, replacement, expected, tmp_path):
-    values = np.round(10 + 8 * np.sin(EVERY / 9.0), 2)
+    values = np.round(10 + 8 * np.sin(np.arange(SIZE) / 9.0), 2)
     message = build(LATLON, values, edition=2 if number else 1)
     place = offset + (section(message, number) if number else 0)
     contents = scan_file(write(tmp_path / "m.grib", bent(message, place, replacement)))

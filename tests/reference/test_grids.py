@@ -207,9 +207,6 @@ def test_unknown_grids_are_refused_with_a_reason(base, keys, reason, tmp_path):
     assert any(kind == "grid" and reason in why for kind, why in contents.skipped)
 
 
-# grids of coordinates
-
-
 def test_axes_may_run_either_way_and_need_not_be_even():
     lat = np.array([80.0, 50.0, 10.0, -5.0])
     grid = AxesGrid(LONGITUDE_LATITUDE, np.array([170.0, 175.0, -175.0, -160.0]), lat)

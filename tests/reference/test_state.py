@@ -88,7 +88,7 @@ def test_grib_fields_that_are_no_state_are_refused(name, engine, tmp_path):
     assert any(reason in str(caught.value) for reason in reasons)
 
 
-def test_cfgrib_refuses_them_too(tmp_path):
+def test_cfgrib_fields_that_are_no_state_are_refused(tmp_path):
     for name in ("spread", "analysis error of ECMWF"):
         path = write(tmp_path / "x.grib", GRIB[name])
         with pytest.raises(InputError, match=r"other than a mean|analysis error"):

@@ -10,12 +10,11 @@ from airswing.report.run import selection
 from airswing.report.run.heading_error import binned_medians
 from airswing.report.run.selection import Run
 from airswing.reports.audit import similar
+from airswing.units import KNOT
 from tests.report import factories
 from tests.report.factories import POOL
 
-KNOT = 1852 / 3600
 HEADINGS, FITS, _ = factories.products()
-RUN = Run(HEADINGS, FITS, "ruc")
 
 
 def tiny():
@@ -92,7 +91,7 @@ def test_a_table_within_its_error_needs_no_correction():
 
 
 def test_coefficients_carry_their_intervals():
-    fit = RUN.fit(0).copy(deep=True)
+    fit = Run(HEADINGS, FITS, "ruc").fit(0).copy(deep=True)
     fit["deviation"][:] = [1.0, -2.0, 0.5, 0.0, 0.0]
     fit["deviation_covariance"][:] = np.eye(5) * 0.06**2
     for harmonics, name, text in ((2, "B", "-2.00 ± 0.12°"), (1, "D", "0")):

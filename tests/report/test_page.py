@@ -46,7 +46,7 @@ def full_page(tmp_path_factory):
     return text, Drawn.last.made, summary.addresses, written
 
 
-def test_the_page_is_whole_and_asks_for_nothing_outside(full_page):
+def test_the_page_is_complete_and_self_contained(full_page):
     text, _, addresses, written = full_page
     assert dict(matplotlib.rcParams) == BEFORE
     assert written.name == "index.html"
@@ -90,7 +90,7 @@ def test_innovation_figures_show_the_statistics_of_the_product(full_page):
     assert np.nansum(np.ma.filled(drawn, 0)) == cells["innovation_histogram"].sum()
 
 
-def test_the_page_names_what_was_left_out_and_why_no_table_may_be_loaded(full_page, tmp_path):
+def test_the_page_names_rejected_reports_and_unusable_tables(full_page, tmp_path):
     cells = re.findall("<td[^>]*>(.*?)</td>", full_page[0].split('<section id="audit">')[1])
     assert cells[0] == "turn" and "</span>252 (5.0 %)" in cells[1] and cells[2] == "168"
     assert cells[6:10] == ["dropped: duplicate", "12", "dropped: impossible position", "3"]

@@ -49,7 +49,7 @@ def test_one_pdf_page_for_each_fit_and_the_same_bytes_again(tmp_path):
     assert write_swing_cards(fits, headings, tmp_path / "cards.pdf") == 2
 
 
-def test_a_card_has_what_a_workshop_needs():
+def test_a_card_lists_the_table_the_curve_and_the_signatures():
     card = "\n".join(texts("N400"))
     for words in (
         "N400",
@@ -73,7 +73,7 @@ def test_a_card_has_what_a_workshop_needs():
     assert np.allclose(y, curve(fit["deviation"].to_numpy(), x))
 
 
-def test_cards_say_where_no_table_or_only_a_constant_is_needed():
+def test_cards_state_that_no_table_or_only_a_constant_is_needed():
     fits = FITS.copy(deep=True)
     fits["status"][0] = [STATUS["no_correction_needed"], STATUS["offset_only"], 1]
     assert any(text.startswith("No correction needed") for text in texts("N400", fits))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from airswing.flags import WIND_SOURCE
 from airswing.reports.audit import Audit
-from airswing.reports.cleaning import clean, declination
+from airswing.reports.cleaning import clean
 
 TIME = np.datetime64("2009-01-05T12:00:00", "ns")
 
@@ -48,17 +48,13 @@ def test_a_report_without_tail_time_or_position_is_dropped_for_one_reason(values
     assert (audit.read, audit.usable) == (1, 0)
 
 
-def test_longitudes_are_brought_to_one_range():
+def test_longitudes_and_headings_are_brought_to_one_range():
     frame, audit = cleaned(6, longitude=[0.0, 179.5, 180.0, 272.75, 360.0, -180.0])
     assert frame["longitude"].tolist() == [0.0, 179.5, -180.0, -87.25, 0.0, -180.0]
     assert audit.repaired["longitude_wrapped"] == 3
-
-
-def test_wind_from_the_eight_compass_points():
-    frame, _ = cleaned(9, wind_direction=np.arange(9) * 45.0, wind_speed=10.0)
-    wanted = 10.0 * np.array([[0.0, -1, -1, -1, 0, 1, 1, 1, 0], [-1, -1, 0, 1, 1, 1, 0, -1, -1]])
-    wanted[:, 1::2] /= np.sqrt(2.0)
-    np.testing.assert_allclose(frame[["eastward_wind", "northward_wind"]].T, wanted, atol=1e-5)
+    frame, audit = cleaned(2, reported_heading=[-34.5, 20.0])
+    assert frame["reported_heading"].tolist() == [325.5, 20.0]
+    assert audit.repaired["reported_heading_wrapped"] == 1
 
 
 def test_calm_has_no_wind_whatever_its_direction():
@@ -131,14 +127,6 @@ def test_the_wind_of_a_triangle_computed_by_hand():
     assert frame["wind_source"].tolist() == [WIND_SOURCE["reported"]]
     _, audit = with_motion(ground_speed=30.0)
     assert audit.repaired["derived_wind_out_of_range"] == 1
-
-
-def test_a_magnetic_heading_is_turned_by_the_declination():
-    frame, _ = with_motion(reported_heading=np.nan, magnetic_heading=-10.0)
-    seconds = np.array([TIME.astype("M8[s]").astype(float)])
-    east = declination(np.array([41.5]), np.array([-87.25]), np.array([5000.0]), seconds)
-    assert abs(east[0]) > 2.0
-    np.testing.assert_allclose(frame["reported_heading"], 350.0 + east, atol=1e-4)
 
 
 def test_airspeeds_from_mach_and_indicated_airspeed_say_their_temperature():

@@ -76,9 +76,8 @@ def test_a_bad_mapping_is_refused_by_name(columns, words):
     ],
 )
 def test_an_absent_column_is_named_with_the_nearest(names, mapping, message):
-    with pytest.raises(InputError, match=message) as error:
+    with pytest.raises(InputError, match=f"{message}.*airswing inspect"):
         sources(names, parse_mapping(mapping))
-    assert "airswing inspect" in str(error.value)
 
 
 @pytest.mark.parametrize(

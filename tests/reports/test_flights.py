@@ -94,8 +94,6 @@ def test_phase_of_a_whole_flight(altitude, phase):
     assert (derived == PHASE[phase]).all()
 
 
-# resolutions
-
 RNG = np.random.default_rng(20090105)
 
 

@@ -4,11 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from typer.testing import CliRunner
 
-from airswing import cli
 from airswing.reports.mapping_proposal import propose_mapping
 from airswing.reports.read import read_reports
+from tests.command import airswing
 
 TIMES = pd.date_range("2017-01-11T12:00:00", periods=4, freq="30s")
 TRUTH = {
@@ -77,7 +76,7 @@ def test_a_date_and_an_hour_make_the_time(tmp_path):
 
 @pytest.mark.parametrize("make", [european, levels])
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_what_is_proposed_reads_the_table(make, kind, tmp_path):
+def test_the_proposed_mapping_reads_the_table(make, kind, tmp_path):
     path = tmp_path / f"theirs.{kind}"
     table = make()
     table.to_csv(path, index=False, sep=";") if kind == "csv" else table.to_parquet(path)
@@ -98,22 +97,18 @@ def test_what_is_proposed_reads_the_table(make, kind, tmp_path):
         assert reports["aircraft"].to_numpy().tolist() == ["D-ABCD"]
 
 
-def test_guesses_are_marked_and_what_is_missing_is_said(tmp_path):
+def test_guesses_are_marked_and_missing_columns_are_listed(tmp_path):
     path = tmp_path / "recorder.csv"
     table = european()[["Date", "UTC", "Lat", "Lng"]].assign(hdg=10.0, gs=400.0, trk=11.0, mach=0.7)
     table.to_csv(path, index=False)
-    shown = CliRunner().invoke(cli.app, ["inspect", str(path)])
-    assert shown.exit_code == 0, shown.output
-    assert "hdg: magnetic_heading_deg   # magnetic is a guess" in shown.output
-    assert (
-        "gs: {name: ground_speed_kt, unit: kt}   # kt or m/s guessed from its values"
-        in shown.output
-    )
-    assert "tail: {value: recorder}   # one aircraft a file is a guess" in shown.output
-    assert "still missing: pressure_altitude_ft or pressure_hPa" in shown.output
-    complete = table.assign(alt=33000)
-    complete.to_csv(path, index=False)
-    shown = CliRunner().invoke(cli.app, ["inspect", str(path)])
-    assert "reports: 4" in shown.output and "alt: {name: pressure_altitude_ft, unit: ft}" in (
-        shown.output
-    )
+    shown = airswing("inspect", path).stdout
+    for line in (
+        "hdg: magnetic_heading_deg   # magnetic is a guess",
+        "gs: {name: ground_speed_kt, unit: kt}   # kt or m/s guessed from its values",
+        "tail: {value: recorder}   # one aircraft a file is a guess",
+        "still missing: pressure_altitude_ft or pressure_hPa",
+    ):
+        assert line in shown
+    table.assign(alt=33000).to_csv(path, index=False)
+    shown = airswing("inspect", path).stdout
+    assert "reports: 4" in shown and "alt: {name: pressure_altitude_ft, unit: ft}" in shown

@@ -95,10 +95,8 @@ def archive(folder, name):
 def test_a_file_that_holds_no_reports_is_named(tmp_path, content, message, format):
     path = tmp_path / "thing.csv"
     path.write_bytes(content if isinstance(content, bytes) else archive(tmp_path, content))
-    with pytest.raises(InputError, match=message if format == "auto" else "thing") as error:
+    with pytest.raises(InputError, match=f"thing.csv.*{message if format == 'auto' else ''}"):
         read_reports(path, format=format)
-    assert "thing.csv" in str(error.value)
-    assert "Iteration" not in str(error.value)
 
 
 def test_unreadable_files_are_skipped_and_counted_or_refused(tmp_path):
@@ -135,7 +133,7 @@ def test_unreadable_files_are_skipped_and_counted_or_refused(tmp_path):
         ({"wind_speed_kt": "14 kt"}, r"wind_speed_kt: holds no numbers \(found: '14 kt'\)"),
     ],
 )
-def test_no_usable_report_says_why(tmp_path, values, message):
+def test_the_reason_is_given_where_no_report_is_usable(tmp_path, values, message):
     with pytest.raises(InputError, match=message):
         read_reports(write(tmp_path / "a.csv", [row(**values)] * 2), format="csv")
 
@@ -148,7 +146,7 @@ def test_no_usable_report_says_why(tmp_path, values, message):
         ({}, ""),
     ],
 )
-def test_what_columns_lack_is_said(tmp_path, values, note):
+def test_notes_name_missing_and_impossible_columns(tmp_path, values, note):
     notes = notes_of(read_reports(write(tmp_path / "b.csv", flight(**values))))
     assert note in notes if note else notes == ""
 

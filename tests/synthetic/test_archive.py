@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from tests.compass.flown import wrap
 
 from airswing.config_file import load_config
 from airswing.synthetic import simulate_arrays, write_archive
@@ -32,13 +33,13 @@ def disagreement(frame, name):
     return float(np.nanmean(np.hypot(u, v)) * 3600 / 1852)
 
 
-def test_without_faults_and_noise_the_true_wind_comes_back():
+def test_without_faults_and_noise_the_true_wind_is_reported():
     frame = simulate_arrays(**SMALL, coding=EXACT)
     assert np.abs(frame["u"] - frame["true_u"]).max() < 1e-6
     assert np.abs(frame["v"] - frame["true_v"]).max() < 1e-6
 
 
-def test_disagreement_is_the_seed_paper_s(month):
+def test_the_disagreement_agrees_with_the_published_one(month):
     """6 kt with perfect compasses; one degree of heading on all of it adds a knot or so."""
     assert 5.0 < disagreement(month, "ruc") < 7.0 and 5.0 < disagreement(month, "rtfdaa") < 7.0
     effects = [{"name": "hard_iron", "tails": None, "parameters": {"amplitude_deg": 2.2}}]
@@ -96,8 +97,7 @@ def test_field_test_units_apply_their_tables(tmp_path):
     options = {"aircraft": 2, "seed": 6}
     options["effects"] = [{"name": "hard_iron", "parameters": {"amplitude_deg": 5.0}}]
     frame = simulate_arrays(**options, days=4, coding=EXACT, field_test=(2, ("N401",)))
-    error = frame["heading"] - frame["true_heading"]
-    error = np.degrees((error + np.pi) % (2 * np.pi) - np.pi)
+    error = wrap(np.degrees(frame["heading"] - frame["true_heading"]))
     after = frame["time"] >= "2009-03-03"
     treated = frame["tail"] == "N401"
     assert error[treated & after].std() < 0.6
@@ -109,13 +109,9 @@ def test_field_test_units_apply_their_tables(tmp_path):
     assert (section["corrected"], section["controls"]) == (["N401"], ["N402"])
 
 
-@pytest.fixture
-def sample(root):
-    return root / "data_samples"
-
-
-def test_the_command_writes_the_committed_files(sample, tmp_path):
+def test_the_command_writes_the_committed_files(root, tmp_path):
     """The same files; a value in a thousand may round the other way on another machine."""
+    sample = root / "data_samples"
     assert sum(path.stat().st_size for path in sample.rglob("*") if path.is_file()) < 8_000_000
     written = write_quickstart(tmp_path)
     names = {path.relative_to(sample) for path in sample.rglob("*") if path.is_file()}

@@ -5,6 +5,7 @@ from datetime import datetime
 import numpy as np
 import pandas as pd
 import pytest
+from tests.compass.flown import wrap
 
 from airswing.errors import InputError
 from airswing.synthetic import simulate_arrays
@@ -54,8 +55,7 @@ def of(archives):
 
 
 def heading_error(frame):
-    error = frame["heading"] - frame["true_heading"]
-    return np.degrees((error + np.pi) % (2 * np.pi) - np.pi).to_numpy()
+    return wrap(np.degrees(frame["heading"] - frame["true_heading"])).to_numpy()
 
 
 @pytest.mark.parametrize("name", sorted({*UNIT_FAULTS} - {"heater_current"}))

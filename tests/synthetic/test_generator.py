@@ -4,7 +4,7 @@ from datetime import datetime
 
 import numpy as np
 import pyproj
-import pytest
+from tests.compass.flown import wrap
 
 from airswing.physics.compass_deviation import deviation_basis
 from airswing.synthetic.archive import simulate_arrays
@@ -32,26 +32,16 @@ def test_the_lattice_is_close_to_igrf_and_older_tables_differ_by_the_secular_var
     assert 1.0 < np.degrees(old[0]) < 2.5
 
 
-GEOD = pyproj.Geod(ellps="WGS84")
+def test_ground_velocity_is_the_velocity_of_the_positions():
+    """Centred geodesic chord over two steps against the stored velocity, in cruise."""
 
-
-@pytest.fixture(scope="module")
-def table():
-    return timetable(NETWORKS["great_lakes"], aircraft=4, days=6, seed=5, legs_per_day=4.0)
-
-
-@pytest.fixture(scope="module")
-def flown(table):
     def wind(lat, lon, alt, hours):
         return np.stack([10.0 + 0.002 * alt, -3.0 + 0 * alt])
 
-    return fly(table, wind, seed=5)
-
-
-def test_ground_velocity_is_the_velocity_of_the_positions(flown):
-    """Centred geodesic chord over two steps against the stored velocity, in cruise."""
+    table = timetable(NETWORKS["great_lakes"], aircraft=4, days=6, seed=5, legs_per_day=4.0)
+    flown = fly(table, wind, seed=5)
     lat, lon = flown.latitude, flown.longitude
-    azimuth, _, length = GEOD.inv(lon[:-2], lat[:-2], lon[2:], lat[2:])
+    azimuth, _, length = pyproj.Geod(ellps="WGS84").inv(lon[:-2], lat[:-2], lon[2:], lat[2:])
     steady = (flown.phase[:-2] == 2) & (flown.phase[2:] == 2) & (np.abs(flown.bank[1:-1]) < 0.01)
     turn = np.radians(azimuth)
     for name, share in (("east", np.sin(turn)), ("north", np.cos(turn))):
@@ -61,10 +51,6 @@ def test_ground_velocity_is_the_velocity_of_the_positions(flown):
 
 START = datetime(2009, 3, 1)
 TAILS = [f"N{401 + k}" for k in range(6)]
-
-
-def wrapped(degrees):
-    return (degrees + 180.0) % 360.0 - 180.0
 
 
 def test_every_unit_errs_by_its_stated_coefficients_at_the_field_it_flies_in():
@@ -77,7 +63,7 @@ def test_every_unit_errs_by_its_stated_coefficients_at_the_field_it_flies_in():
     truth = truth_record(frame, faults, TAILS, effects)["aircraft"]
     for tail in TAILS:
         cruise = frame[(frame["tail"] == tail) & (frame["phase"] == 2)]
-        error = wrapped(np.degrees(cruise["heading"] - cruise["true_heading"]))
+        error = wrap(np.degrees(cruise["heading"] - cruise["true_heading"]))
         m = cruise["heading"] - cruise["declination"]
         gain = truth[tail]["mean_horizontal_field"] / cruise["horizontal"]
         basis = deviation_basis(m, gain)

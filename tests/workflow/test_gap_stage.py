@@ -6,11 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from tests.command import airswing
 from tests.conftest import EFFECTS
-from typer.testing import CliRunner
 
-from airswing.cli import app
-from airswing.config_file import load_config
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.result.schema import GapReport
@@ -20,7 +18,6 @@ from airswing.products.whole_files import json_types
 from airswing.reference.collocate import DERIVATIVES
 from airswing.report.gap.words import start_words, verdict
 from airswing.workflow import Job, gap_stage
-from airswing.workflow.progress import Progress
 
 IRON, SCALE = EFFECTS
 
@@ -36,13 +33,9 @@ def effects_file(path, *effects):
     return path
 
 
-def job_of(config, output):
-    return Job(load_config(config, output=output), Progress(quiet=True))
-
-
 @pytest.fixture(scope="module")
 def frame(gap_archive, collocated, tmp_path_factory):
-    job = job_of(gap_archive, collocated(tmp_path_factory.mktemp("frame")))
+    job = Job.of(gap_archive, output=collocated(tmp_path_factory.mktemp("frame")), quiet=True)
     members = job.config.pools()[job.config.gap_reference()]
     return job, Frame.from_headings(gap_stage.make_headings(job), reference=members)
 
@@ -51,17 +44,14 @@ def begin(job, frame, **options):
     return gap_stage.starting_point(job, **options)(frame)
 
 
-def test_known_effects_are_not_stated_again_and_headings_are_not_made_again(
+def test_known_effects_are_not_reported_again_and_headings_are_reused(
     archive, collocated, tmp_path
 ):
     months = sorted((collocated(tmp_path / "out") / "headings").glob("*.nc"))
     times = [path.stat().st_mtime_ns for path in months]
     file = effects_file(tmp_path / "known.yaml", IRON)
-    result = CliRunner().invoke(
-        app,
-        ["gap", str(archive), "--output", str(tmp_path / "out"), "--known", str(file), "--quiet"],
-    )
-    assert result.exit_code == 0, result.output
+    done = airswing("gap", archive, "--output", tmp_path / "out", "--known", file, "--quiet")
+    assert done.returncode == 0, done.stderr
     content = json.loads((tmp_path / "out" / "gap.json").read_text())
     report = GapReport.read(tmp_path / "out" / "gap.json")
     assert json_types(report.content()) == content
@@ -77,32 +67,23 @@ def test_known_effects_are_not_stated_again_and_headings_are_not_made_again(
     assert content["gap"]["mean_vector_disagreement_kt"] == pytest.approx(
         known_entry["disagreement_with_kt"], abs=0.05
     )
-    assert "1 known effect of" in result.output
+    assert "1 known effect of" in done.stdout
     assert "1 known effect of" in (tmp_path / "out" / "gap" / "index.html").read_text()
     all_effects = read_effects(tmp_path / "out" / "effects.yaml")
     assert [effect.name for effect in all_effects] == ["hard_iron", "tas_scale"]
     assert all_effects[1:] == active_effects(report)
 
 
-def test_simulated_reports_match_and_leave_the_effects_they_lack(
+def test_effects_missing_from_simulated_reports_are_named(
     archive, collocated, tmp_path, no_gap_page
 ):
     collocated(tmp_path / "out")
     effects = effects_file(tmp_path / "effects.yaml", SCALE)
     sent = tmp_path / "sent.csv"
-    done = CliRunner().invoke(
-        app, ["simulate", str(archive), "--effects", str(effects), "-o", str(sent), "--quiet"]
-    )
-    assert done.exit_code == 0, done.output
-    done = CliRunner().invoke(
-        app,
-        [
-            *("gap", str(archive), "--output", str(tmp_path / "out")),
-            *("--simulated", str(sent), "--quiet", "--json"),
-        ],
-    )
-    assert done.exit_code == 0, done.output
-    content = json.loads(done.output)
+    done = airswing("simulate", archive, "--effects", effects, "-o", sent, "--quiet")
+    assert done.returncode == 0, done.stderr
+    words = ("--output", tmp_path / "out", "--simulated", sent, "--quiet", "--json")
+    content = json.loads(airswing("gap", archive, *words).stdout)
     assert content == json.loads((tmp_path / "out" / "gap.json").read_text())
     report = GapReport.of(content)
     assert [(e.name, e.tails) for e in report.effects] == [("hard_iron", ["N401"])]
@@ -110,7 +91,9 @@ def test_simulated_reports_match_and_leave_the_effects_they_lack(
     assert "reports matched)" in verdict(report)
 
 
-def test_a_simulation_on_other_paths_is_known_by_what_it_has(archive, frame, tmp_path, monkeypatch):
+def test_a_simulation_on_other_paths_is_compared_by_its_effects(
+    archive, frame, tmp_path, monkeypatch
+):
     job, archive_frame = frame
     folder = tmp_path / "other"
     folder.mkdir()
@@ -164,12 +147,11 @@ def test_bad_input_is_named(frame, tmp_path, option, content, message):
     file = tmp_path / ("bad.yaml" if option == "known" else "bad.csv")
     if content is not None:
         file.write_text(content)
-    with pytest.raises(InputError, match=message) as caught:
+    with pytest.raises(InputError, match=f"{file}.*{message}"):
         begin(*frame, **{option: str(file)})
-    assert str(file) in str(caught.value)
 
 
-def test_reports_named_otherwise_are_read_by_the_archive_s_names(archive, frame, tmp_path):
+def test_simulated_reports_use_the_column_names_of_the_archive(archive, frame, tmp_path):
     job, archive_frame = frame
     source = next(archive.parent.glob("reports/N401.csv"))
     renamed = source.read_text().replace("wind_speed_kt", "spd", 1)

@@ -142,7 +142,7 @@ def test_a_flight_over_the_end_of_a_month_is_whole_in_the_month_it_began_in(comp
         assert (np.diff(joined["flight"][rows]) >= 0).all()
 
 
-def test_changed_reports_make_their_month_anew(archive, complete):
+def test_changed_reports_remake_their_month(archive, complete):
     """Late, corrected and withdrawn reports; not the same reports in other files."""
     begin_with(archive, complete)
     files = days(archive, "2009-02*")
@@ -168,7 +168,7 @@ def test_changed_reports_make_their_month_anew(archive, complete):
     assert names == [f"{month}.nc" for month in (JANUARY, JANUARY, FEBRUARY, FEBRUARY)]
 
 
-def test_new_model_files_make_their_month_anew_and_those_that_went_away_do_not(archive, complete):
+def test_new_model_files_remake_their_month_and_removed_files_do_not(archive, complete):
     begin_with(archive, complete)
     some = sorted((archive / "model").glob("200902*"))[40:60]
     for path in some:
@@ -182,7 +182,7 @@ def test_new_model_files_make_their_month_anew_and_those_that_went_away_do_not(a
         path.unlink()
 
 
-def test_model_files_lost_while_they_are_read_are_read_by_the_next_run(
+def test_model_files_that_vanish_during_a_run_are_read_by_the_next(
     archive, complete, monkeypatch, capsys
 ):
     lost = sorted((archive / "model").glob("200902*"))[40:60]
@@ -217,12 +217,12 @@ def test_model_files_lost_while_they_are_read_are_read_by_the_next_run(
         ({"fresh": True}, ALL),
     ],
 )
-def test_settings_make_anew_what_depends_on_them(archive, complete, changes, again):
+def test_changed_settings_remake_the_dependent_months(archive, complete, changes, again):
     begin_with(archive, complete)
     assert make(archive, **changes) == again
 
 
-def test_another_screening_reads_no_model_file(archive, complete, monkeypatch):
+def test_a_changed_screening_reads_no_model_file(archive, complete, monkeypatch):
     begin_with(archive, complete)
     strict = {"screening": {"max_turn": "3 deg"}}
     with monkeypatch.context() as patch:
@@ -244,7 +244,7 @@ def test_another_screening_reads_no_model_file(archive, complete, monkeypatch):
         ((".airswing/2009-02.json",), 0.0),
     ],
 )
-def test_files_torn_by_a_loss_of_power_are_made_again(archive, complete, names, share):
+def test_truncated_files_are_made_again(archive, complete, names, share):
     begin_with(archive, complete)
     for path in (archive / "results" / name for name in names):
         path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
@@ -266,7 +266,7 @@ def end_before(folder, name):
 
 
 @pytest.mark.parametrize("name", ["headings/2009-02.nc", "2009-02.json", "corrected/2009-02.nc"])
-def test_a_run_ended_between_write_and_rename_goes_on(archive, complete, name):
+def test_a_run_that_ended_between_write_and_rename_can_be_continued(archive, complete, name):
     begin_with(archive, complete)
     (archive / "results/headings/2009-02.nc").unlink()
     process = forked(end_before, archive, name)

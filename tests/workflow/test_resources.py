@@ -96,7 +96,7 @@ def test_a_worker_process_that_ends_is_one_message():
 
 
 @pytest.mark.parametrize("kind", ["CommClosedError", "CancelledError", "KilledWorker"])
-def test_what_is_lost_at_an_address_is_one_message(address, kind):
+def test_a_lost_connection_to_the_scheduler_is_one_message(address, kind):
     from concurrent.futures import CancelledError
 
     from distributed.comm.core import CommClosedError
@@ -113,7 +113,7 @@ def test_what_is_lost_at_an_address_is_one_message(address, kind):
         raise lost[kind]
 
 
-def test_the_dashboard_and_missing_workers_are_said(address, capsys):
+def test_the_dashboard_and_missing_workers_are_reported(address, capsys):
     with job.resources(Compute(scheduler=address), Progress()):
         pass
     assert "dask dashboard: http" in capsys.readouterr().err

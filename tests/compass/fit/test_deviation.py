@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.optimize import least_squares
-from tests.compass.flown import Setting, curve, fleet_deviations, fly, wrap
+from tests.compass.flown import NO_ERROR, Setting, curve, fleet_deviations, fly, wrap
 
 from airswing.compass.correction import add_tables, correct, curve_standard_error, write_tables_csv
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, STATUS, published
 from airswing.gap.simulation.effects_file import effects_of_fits
-
-NO_ERROR = {"day_error": 0.0, "flight_error": 0.0, "ground_error": 0.0, "bias_spread": 0.0}
-QUIET = Setting(aircraft=1, days=20, noise=1e-3, **NO_ERROR)
 
 
 def errors_of(fits):
@@ -24,7 +21,7 @@ def errors_of(fits):
 
 def test_exact_for_ten_degrees_with_bias_and_scale():
     truth = [2.0, 8.0, -6.0, 1.5, -1.0]
-    headings, simulated = fly([truth], QUIET, 1)
+    headings, simulated = fly([truth], Setting(aircraft=1, days=20, noise=1e-3, **NO_ERROR), 1)
     fits = fit_deviation(headings)
     assert fits["deviation"].to_numpy()[0, 0] == pytest.approx(truth, abs=1e-3)
     assert fits["airspeed_scale"].item() == pytest.approx(simulated["scale"][0], abs=1e-5)
@@ -77,7 +74,7 @@ def test_nga_swing_gives_its_published_a():
     assert coefficients[:2] == pytest.approx([-1.0, b], abs=0.02)
 
 
-def test_gross_errors_move_nothing_much():
+def test_gross_errors_hardly_change_the_coefficients():
     deviation = fleet_deviations(2, np.random.default_rng(5))
     clean = fly(deviation, Setting(aircraft=2, days=30), 4)[0]
     dirty = fly(deviation, Setting(aircraft=2, days=30, outliers=0.05), 4)[0]
@@ -101,7 +98,7 @@ def test_pool_fits_members_together_and_covers():
         fit_deviation(headings.drop_vars("airspeed_error"))
 
 
-def test_cycles_by_evidence():
+def test_the_number_of_cycles_follows_the_evidence():
     headings, _ = fly([[1.0, 4.0, -2.0, 0.0, 0.0]] * 8, Setting(aircraft=8, days=30), 6)
     fits = fit_deviation(headings)
     one_cycle = fits["harmonics"].to_numpy()[0] == 1

@@ -27,9 +27,8 @@ from airswing.gap.archive.reported_variables import (
     recent_turn,
     record,
 )
-from airswing.gap.design import exogenous, heading_doubt
+from airswing.gap.design import exogenous
 from airswing.gap.diagnose import diagnose
-from airswing.gap.distribution.coded_values import heading_coding
 from airswing.gap.distribution.gross_errors import outliers
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise import fit_noise, gross_errors
@@ -293,12 +292,6 @@ def test_steps_and_their_north_are_found(exact, step, spread, true_north):
     assert heading_lattices(frame)[0] is None
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_unrounded_headings_have_no_lattice(seed):
-    frame = make_frame(seed=seed, aircraft=4, days=7)
-    assert heading_coding(frame) is None
-
-
 def test_a_few_courses_are_no_lattice(exact):
     """Six flights on one course each, on whole tens by chance, are too few."""
     rows = np.flatnonzero(np.isin(exact.flight, np.unique(exact.flight)[:6]))
@@ -360,15 +353,6 @@ def test_gross_errors_are_distinguished_from_steps(exact, step, share):
     if effect is not None:
         assert effect.tails == [frame.tails[1]]
         assert effect.parameters["fraction"] == pytest.approx(share, rel=0.4)
-
-
-def test_coarse_headings_have_a_larger_uncertainty(exact):
-    frame = stepped(exact, 10.0, [1])
-    more = heading_doubt(frame, frame) ** 2 - heading_doubt(exact, exact) ** 2
-    affected = frame.aircraft == 1
-    assert np.allclose(more[~affected], 0.0)
-    rounding = np.radians(10.0) / np.sqrt(12.0) * frame.airspeed[affected].mean()
-    assert np.sqrt(more[affected].mean()) > 0.9 * rounding
 
 
 def test_directions_of_weak_winds_in_steps():

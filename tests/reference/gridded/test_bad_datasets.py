@@ -57,7 +57,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", sorted(CASES))
-def test_one_clear_message(case, tmp_path):
+def test_unusable_datasets_are_refused_with_one_message(case, tmp_path):
     ds, words = CASES[case]
     ds.to_netcdf(tmp_path / "bad.nc")
     for source in (str(tmp_path / "bad.nc"), ds):
@@ -78,9 +78,6 @@ def test_files_and_engines_that_cannot_be_used_together(tmp_path):
         airswing.build_catalogue("x", name="m", engine="magic")
     with pytest.raises(InputError, match="no file found"):
         airswing.build_catalogue("nowhere/*.nc", name="m")
-
-
-# damaged files
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +108,7 @@ def test_a_section_that_ends_eccodes_costs_its_message(seeds, tmp_path):
     assert [entry["count"] for entry in model.skipped if entry["what"] == "grid"] == [1]
 
 
-LIES = [
+DAMAGES = [
     ("gridded NetCDF-4", lambda file: file["latitude"].setncattr("standard_name", 7)),
     ("gridded NetCDF-4", lambda file: file["level"].setncattr("units", np.arange(3.0))),
     ("gridded NetCDF-4", lambda file: file["longitude"].setncattr("axis", 1e30)),
@@ -121,20 +118,20 @@ LIES = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "lie"), LIES)
-def test_attributes_of_another_kind_end_in_a_result_or_one_message(kind, lie, seeds, tmp_path):
-    path = tmp_path / "lying.nc"
+@pytest.mark.parametrize(("kind", "damage"), DAMAGES)
+def test_wrong_attributes_give_a_result_or_one_message(kind, damage, seeds, tmp_path):
+    path = tmp_path / "damaged.nc"
     path.write_bytes(seeds[kind].read_bytes())
     with netCDF4.Dataset(path, "a") as file:
-        lie(file)
+        damage(file)
     try:
         _, u = catalogue_and_u(path, tmp_path)
     except InputError as error:
         assert str(path) in str(error) and len(str(error)) < LONGEST
     else:
         assert np.isfinite(u).any() and np.nanmax(np.abs(u)) < 40.0
-    if lie is LIES[-1][1]:  # among several files it is named and left out
+    if damage is DAMAGES[-1][1]:  # among several files it is named and left out
         (tmp_path / "sound.nc").write_bytes(seeds[kind].read_bytes())
         model, u = catalogue_and_u(tmp_path / "*.nc", tmp_path)
-        (skipped,) = [entry for entry in model.skipped if "lying.nc" in entry["file"]]
+        (skipped,) = [entry for entry in model.skipped if "damaged.nc" in entry["file"]]
         assert "cannot be understood" in skipped["reason"] and np.isfinite(u).any()

@@ -11,13 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from typer.testing import CliRunner
 
 import airswing
-from airswing import cli
 from airswing.errors import InputError
 from airswing.reference.catalogue import build_catalogue
 from airswing.reference.files import identify
+from tests.command import airswing as command
 from tests.command import configured
 from tests.reference.builders import GLOBE, LATLON, build, write
 from tests.reference.gridded.datasets import by_hand, points, winds
@@ -179,9 +178,8 @@ def test_more_compressed_files_than_are_kept_are_read_by_threads(tmp_path):
 def test_foreign_files_are_named(content, expected, tmp_path):
     path = tmp_path / "x.nc"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=expected) as caught:
+    with pytest.raises(InputError, match=f"{path}.*{expected}|{expected}.*{path}"):
         build_catalogue(str(path), name="x")
-    assert str(path) in str(caught.value)
     base().to_netcdf(tmp_path / "good.nc")
     model = build_catalogue(str(tmp_path / "*.nc"), name="x")
     assert len(model) == 2 and [Path(entry["file"]).name for entry in model.skipped] == ["x.nc"]
@@ -238,7 +236,7 @@ def test_urls_are_read_through_fsspec(tmp_path):
         build_catalogue("memory://models/absent.nc", name="x", on_bad_file="fail")
 
 
-def test_a_zarr_store_is_another_with_another_chunk(tmp_path):
+def test_a_new_chunk_changes_the_identity_of_a_zarr_store(tmp_path):
     base().to_zarr(tmp_path / "store")
     before = identify(str(tmp_path / "store"))
     assert identify(str(tmp_path / "store")) == before
@@ -265,27 +263,22 @@ def test_files_of_a_web_server_need_no_optional_package(tmp_path):
 
 
 def test_winds_alone_at_places_without_reported_winds(tmp_path):
-    def command(*words):
-        return CliRunner().invoke(cli.app, [*map(str, words)])
-
     base().to_netcdf(tmp_path / "era5.nc")
     shown = command("inspect", tmp_path / "era5.nc")
-    assert shown.exit_code == 0 and "6 pressure levels, 200 to 1000 hPa" in shown.output
+    assert shown.returncode == 0 and "6 pressure levels, 200 to 1000 hPa" in shown.stdout
     columns = {"tail": list("ABC"), "time": "2022-11-11T00:20Z", "pressure_hPa": 400.0}
     table = pd.DataFrame(columns | {"latitude": LAT, "longitude": LON})
     table.to_csv(tmp_path / "reports.csv", index=False)
     reports, era5 = tmp_path / "reports.csv", {"era5": tmp_path / "era5.nc"}
     path = configured(tmp_path, reports, era5)
-    assert "for model winds alone" in str(command("collocate", path).exception)
+    assert "for model winds alone" in command("collocate", path).stderr
     unknown = {name: {"value": np.nan} for name in ("wind_direction_deg", "wind_speed_kt")}
     configured(tmp_path, {"files": str(reports), "columns": unknown}, era5)
     shown = command("collocate", path)
-    assert shown.exit_code == 0 and "only model winds at the reports" in shown.output
+    assert shown.returncode == 0 and "only model winds at the reports" in shown.stderr
     ds = airswing.open_product(tmp_path / "out/headings")
     assert np.isfinite(ds["reference_eastward_wind"]).all() and np.isnan(ds["heading"]).all()
 
-
-# WRF
 
 LOW = np.array([60000.0, 52000.0, 81000.0])
 

@@ -43,9 +43,6 @@ def check(ds, after=0.0, **options):
     return collocated_winds
 
 
-# points, levels and times
-
-
 def shifted(x=0.0, y=0.0, *, flip=False):
     """v on points shifted by part of a grid length, under coordinates of other names."""
     ds = base()
@@ -132,9 +129,6 @@ def native(style):
         ds["p"].attrs = {"units": "Pa", "standard_name": "air_pressure"}
         ds = ds.drop_vars("ps").isel(lev=slice(None, None, -1))
     return ds
-
-
-# files of archives and programs
 
 
 def cds_new():
@@ -295,9 +289,6 @@ def test_assumptions_about_levels_are_in_the_notes():
         airswing.build_catalogue(levels(), name="x", naming={"units": {"level": "Pa"}})
 
 
-# runs, leads and members
-
-
 def prediction(steps, **attrs):
     """WeatherBench2: time is the run; naming it does not drop the leads."""
     ds = base().rename(time="prediction_timedelta").assign_coords(prediction_timedelta=steps)
@@ -374,9 +365,6 @@ def test_packed_integers_and_fill_values(tmp_path):
     at = points([44.0, 44.0, 45.0], [6.0 - 0.5, 6.0, 5.0], 50000.0)
     u, _ = winds(airswing.collocate(at, {"m": airswing.build_catalogue(path, name="m")}))
     np.testing.assert_array_equal(np.isfinite(u), [False, True, True])
-
-
-# keys of the configuration
 
 
 def test_names_in_the_configuration():

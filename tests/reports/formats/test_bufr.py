@@ -1,4 +1,4 @@
-"""BUFR: the real files against eccodes' own decoding, every template, and damaged messages."""
+"""BUFR: the real files against eccodes' decoding, every template, and damaged messages."""
 
 import eccodes
 import numpy as np

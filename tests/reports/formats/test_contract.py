@@ -34,7 +34,7 @@ NUMBERS = [
 FLAGS = ["roll_flag", "temperature_qc", "wind_qc", "phase", "icing", "wind_source", "platform"]
 
 
-def test_every_format_is_here():
+def test_every_format_has_a_writer():
     assert set(WRITERS) == set(formats())
 
 
@@ -70,6 +70,5 @@ def test_a_file_of_each_format(tmp_path, name):
 @pytest.mark.parametrize("name", sorted(set(WRITERS) - {"csv"}))
 def test_a_format_that_is_not_the_files_ends_in_one_message(tmp_path, name):
     (tmp_path / "table.csv").write_text("tail,time\nN1,2009-01-05T12:00:00Z\n")
-    with pytest.raises(InputError, match=r"table\.csv") as error:
+    with pytest.raises(InputError, match=r"table\.csv"):
         read_file(tmp_path / "table.csv", format=name)
-    assert "Iteration" not in str(error.value)

@@ -14,7 +14,7 @@ from airswing.products.ragged import aircraft_of_report
 from airswing.reports import read_reports
 
 REAL = "reports/acars_19990209_14z.nc"
-CODES_OF_THE_REAL_FILE = {  # counted by another program; see the notes beside the file
+CODES_OF_THE_REAL_FILE = {  # counted by another program; see the notes next to the file
     "dataDescriptor": {"T": 1773, "R": 473, "X": 58},
     "errorType": {".": 2246, "W": 32, "T": 15, "B": 11},
     "rollFlag": {"N": 1796, "G": 388, "B": 120},
@@ -141,6 +141,13 @@ def test_true_airspeed_where_present_and_fill_values(tmp_path):
     np.testing.assert_array_equal(ds["reported_airspeed"], np.array([120, 121, np.nan]))
     assert np.isnan(ds["eastward_wind"][1])
     assert audit_of(ds)["dropped"] == {"missing_time": 1}
+
+
+def test_a_count_of_records_that_the_file_cannot_hold_is_refused(tmp_path):
+    data = write_madis(tmp_path / "a.nc").read_bytes()
+    (tmp_path / "a.nc").write_bytes(data[:4] + b"\x7f\xff\xff\xf0" + data[8:])
+    with pytest.raises(InputError, match=f"bytes by its header, of which {len(data):,} are there"):
+        read_reports(tmp_path / "a.nc")
 
 
 def test_another_netcdf_is_refused_with_what_it_lacks(tmp_path):

@@ -99,7 +99,7 @@ def test_an_integer_that_is_too_large_costs_one_wind_of_a_trace(tmp_path):
 
 
 def messages():
-    """Positions, ground vectors, and headings of two aircraft in rows of their own."""
+    """Positions, ground vectors and headings of two aircraft, each in separate rows."""
     rows = []
     for tail in ("4840d6", "3c6444"):
         for k in range(30):
@@ -205,7 +205,7 @@ def ioda(path, *, old=False):
 
 
 @pytest.mark.parametrize("old", [False, True])
-def test_an_ioda_file(tmp_path, old):
+def test_an_ioda_file_is_read_in_both_layouts(tmp_path, old):
     frame, audit = read_file(ioda(tmp_path / "aircraft.nc4", old=old))
     assert audit.formats == {"ioda": 1}
     assert frame["tail"].tolist() == ["A1", "A1", "B2"]

@@ -38,6 +38,15 @@ def test_rows_of_another_length(tmp_path):
     assert audit["missing"]["eastward_wind"] == 1
 
 
+def test_a_repeated_column_is_counted_and_its_first_values_are_used(tmp_path):
+    header, *rows = CSV.splitlines()
+    repeated = [f"{header},wind_speed_kt", *(f"{row},99" for row in rows)]
+    (tmp_path / "a.csv").write_text("\n".join(repeated))
+    ds = read_reports(tmp_path / "a.csv")
+    np.testing.assert_allclose(ds["eastward_wind"], 40 * 1852 / 3600, rtol=1e-5)
+    assert audit_of(ds)["repaired"]["wind_speed_column_repeated"] == 10
+
+
 def test_unreadable_numbers_are_missing_and_counted(tmp_path):
     table = flight().astype({"wind_speed_kt": object, "latitude": object})
     table.loc[[2, 3], "wind_speed_kt"] = ["fast", "M"]
@@ -141,9 +150,8 @@ def test_forms_of_a_mapping(tmp_path):
 def test_times_in_another_notation(tmp_path):
     table = flight(time="01.03.2009 09:30").rename(columns={"time": "when"})
     path = write(tmp_path / "a.csv", table)
-    with pytest.raises(InputError, match=r"unparsable_time.*01\.03\.2009.*format: ") as error:
+    with pytest.raises(InputError, match=r"unparsable_time.*01\.03\.2009.*format: "):
         read_reports(path, columns={"when": "time"})
-    assert "no unit" not in str(error.value)
     mapped = {"when": {"name": "time", "format": "%d.%m.%Y %H:%M"}}
     expected = read_reports(path, columns=mapped)["time"].values
     assert str(expected[0])[:19] == "2009-03-01T09:30:00"
