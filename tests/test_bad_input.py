@@ -147,10 +147,7 @@ def test_bad_model_files_among_good_ones_are_counted_and_named(archive, tmp_path
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [
-        (b"x" * 300, "not a product"),
-        (b"\x89HDF\r\n\x1a\njunk", "a damaged NetCDF file"),
-    ],
+    [(b"x" * 300, "not a product"), (b"\x89HDF\r\n\x1a\njunk", "a damaged NetCDF file")],
 )
 def test_damaged_products_are_refused(archive, tmp_path, content, says):
     with_products(archive, tmp_path)

@@ -142,12 +142,7 @@ class ColdSoak(ProportionalEffect, HeadingEffect):
 
     name = NAME
     title = "heading error that grows with the cold"
-    draw = Draw(
-        Signed("rate_deg"),
-        ("rate_deg",),
-        compared=("rate_deg",),
-        fault=freeze,
-    )
+    draw = Draw(Signed("rate_deg"), ("rate_deg",), compared=("rate_deg",), fault=freeze)
     distinguished_by: ClassVar[Mapping[str, str]] = {"compass_offset": "flights in warm air"}
     physics = "The sensor's housing turns in its mount as it cools."
     source = "Made for this test."

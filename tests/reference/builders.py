@@ -30,6 +30,7 @@ LAMBERT = grid_keys("lambert", (31, 21), (240.0, 22.5), **PARALLELS, **METRES, u
 LATLON = grid_keys(
     "regular_ll", (16, 11), (5.0, 60.0), (35.0, 40.0), **SOUTHWARD, uvRelativeToGrid=0
 )
+SIZE = LATLON["Ni"] * LATLON["Nj"]
 GLOBE = grid_keys("regular_ll", (36, 19), (0.0, 90.0), (350.0, -90.0), **SOUTHWARD)
 POLE = {"latitudeOfSouthernPoleInDegrees": -35.0, "longitudeOfSouthernPoleInDegrees": 15.0}
 ROTATED = grid_keys("rotated_ll", (16, 11), (-10.0, 10.0), (20.0, -10.0), **SOUTHWARD, **POLE)
@@ -104,6 +105,15 @@ def _identify(handle, edition, parameter, level, when, step):
         keys |= {"P1": keys.pop("forecastTime")}
     for key, value in keys.items():
         eccodes.codes_set(handle, key, value)
+
+
+def profile(levels, values=None, *, keys=LATLON, parameters="uv", **options):
+    """Messages of u and v, both of the same values, on levels (hPa)."""
+    return [
+        build(keys, values, parameter=parameter, level=level, **options)
+        for level in levels
+        for parameter in parameters
+    ]
 
 
 def write(path, *messages):

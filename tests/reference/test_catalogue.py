@@ -9,17 +9,9 @@ import pytest
 from airswing.errors import InputError
 from airswing.quantities import lead_condition
 from airswing.reference.catalogue import build_catalogue
-from tests.reference.builders import LAMBERT, LATLON, build, write
+from tests.reference.builders import LAMBERT, LATLON, build, profile, write
 
 LEVELS = (300, 500, 700)
-
-
-def profile(levels=LEVELS, values=None, *, parameters="uv", **options):
-    return [
-        build(LATLON, values, parameter=parameter, level=level, **options)
-        for level in levels
-        for parameter in parameters
-    ]
 
 
 @pytest.fixture
@@ -60,7 +52,7 @@ def test_the_catalogue_of_a_real_run(real, tmp_path):
 
 def test_shortest_lead_that_meets_the_condition_wins(catalogued, tmp_path):
     for run, step in ((600, 6), (900, 3), (1200, 0)):
-        write(tmp_path / f"run{run:04d}.grib", *profile(when=(20090801, run), step=step))
+        write(tmp_path / f"run{run:04d}.grib", *profile(LEVELS, when=(20090801, run), step=step))
     for lead, expected in (("any", 0), (">= 1 h", 3), ("> 180 min", 6), ("== 6 h", 6)):
         catalogue = catalogued(lead=lead)
         assert list(catalogue.leads / 3600) == [expected]
@@ -172,9 +164,9 @@ def test_lead_conditions():
 
 
 def test_a_replaced_file_is_read_again(catalogued, tmp_path):
-    first = catalogued(*profile())
+    first = catalogued(*profile(LEVELS))
     stamp = os.stat(tmp_path / "x.grib").st_mtime_ns
-    write(tmp_path / "x.grib", *profile(when=(20090801, 1800)))
+    write(tmp_path / "x.grib", *profile(LEVELS, when=(20090801, 1800)))
     # Same size, and even the same time of modification: the sample of bytes differs.
     os.utime(tmp_path / "x.grib", ns=(stamp, stamp))
     assert catalogued().times[0] - first.times[0] == np.timedelta64(6, "h")
@@ -183,12 +175,12 @@ def test_a_replaced_file_is_read_again(catalogued, tmp_path):
 def test_a_cache_that_cannot_be_written_costs_a_warning(catalogued, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.warns(UserWarning, match="cannot be written"):
-        assert len(catalogued(*profile(), cache_dir=tmp_path / "file/c")) == 1
+        assert len(catalogued(*profile(LEVELS), cache_dir=tmp_path / "file/c")) == 1
 
 
 @pytest.mark.parametrize("damage", [lambda e: b"", lambda e: b"rubbish", lambda e: e[:-9]])
 def test_in_place_of_a_damaged_entry_the_file_is_read_again(damage, catalogued, tmp_path):
-    first = catalogued(*profile())
+    first = catalogued(*profile(LEVELS))
     (entry,) = (tmp_path / "c" / "grib-headers").iterdir()
     sound = entry.read_bytes()
     entry.write_bytes(damage(sound))

@@ -11,10 +11,9 @@ from airswing.errors import InputError
 from airswing.reference.catalogue import build_catalogue
 from airswing.reference.collocate import collocate, overlap, require_overlap
 from airswing.reference.grib import values
-from tests.reference.builders import LATLON, build, write
+from tests.reference.builders import LATLON, SIZE, build, profile, write
 from tests.reference.gridded.datasets import points
 
-SIZE = 176
 START = np.datetime64("2009-08-01T00:00", "ns")
 
 
@@ -78,9 +77,8 @@ def test_gaps_longer_than_the_limit_are_not_bridged(tmp_path):
 
 def test_lead_times_are_weighted_like_the_winds(tmp_path):
     for step in (1, 3):
-        options = {"when": (20090801, 0), "step": step}
-        messages = [build(LATLON, np.ones(SIZE), parameter=name, **options) for name in "uv"]
-        write(tmp_path / f"f{step}.grib", *messages)
+        winds_of_run = profile([500], np.ones(SIZE), when=(20090801, 0), step=step)
+        write(tmp_path / f"f{step}.grib", *winds_of_run)
     catalogue = build_catalogue(str(tmp_path / "f*.grib"), name="m", cache_dir=tmp_path / "c")
     got = winds(reports([1.0, 1.5, 3.0]), catalogue)
     np.testing.assert_allclose(got.lead_time[0], [1.0, 1.5, 3.0])

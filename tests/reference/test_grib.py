@@ -19,7 +19,7 @@ from airswing.reference.grib.values import (
     sparse_values,
 )
 from airswing.reference.winds import ISOBARIC, U, V
-from tests.reference.builders import LAMBERT, LATLON, build, write
+from tests.reference.builders import LAMBERT, LATLON, SIZE, build, write
 
 WRF = "grib/wrf_ruc13_g212/"
 REAL_FILES = [
@@ -29,7 +29,6 @@ REAL_FILES = [
     "grib/nam_g211_20180917_00z.grib2",
     "grib/jma_meps_20190605_regular_ll.grib2",
 ]
-SIZE = LATLON["Ni"] * LATLON["Nj"]
 PLANE = 10.0 + 8.0 * np.sin(np.arange(LAMBERT["Nx"] * LAMBERT["Ny"]) / 9.0)
 
 

@@ -7,19 +7,14 @@ import pytest
 
 from airswing.errors import InputError
 from airswing.reference.catalogue import build_catalogue
-from tests.reference.builders import LATLON, build, write
+from tests.reference.builders import SIZE, profile, write
 from tests.reference.gridded.datasets import latlon
 
-SIZE = LATLON["Ni"] * LATLON["Nj"]
 
-
-def profile(change=None, *, edition=2, value=10.0, **extra):
-    messages = [
-        build(LATLON, np.full(SIZE, value), edition=edition, parameter=p, level=level, extra=extra)
-        for level in (300, 700)
-        for p in "uv"
-    ]
-    return b"".join(messages if change is None else [change(message) for message in messages])
+def messages(change=bytes, *, edition=2, **extra):
+    """Winds on two levels with other keys, each message changed by a function."""
+    winds = profile((300, 700), np.full(SIZE, 10.0), edition=edition, extra=extra)
+    return b"".join(map(change, winds))
 
 
 def section_1(entries, length=52):
@@ -48,33 +43,33 @@ def local(kind):
 
 
 GRIB = {
-    "spread": profile(productDefinitionTemplateNumber=2, derivedForecast=4),
-    "standard deviation": profile(productDefinitionTemplateNumber=2, derivedForecast=2),
-    "probability": profile(productDefinitionTemplateNumber=5),
-    "percentile": profile(productDefinitionTemplateNumber=6),
-    "analysis error": profile(typeOfGeneratingProcess=7),
-    "climatology": profile(typeOfGeneratingProcess=9),
-    "increment": profile(typeOfGeneratingProcess=20),
-    "average": profile(productDefinitionTemplateNumber=8),
-    "event probability": profile(typeOfProcessedData=8),
-    "percentile of NCEP": profile(productDefinitionTemplateNumber=2, derivedForecast=193),
-    "spread of ECMWF": profile(local(18)),
-    "standard deviation, edition 1": profile(section_1({21: 119}), edition=1),
-    "average of edition 1": profile(section_1({21: 3}), edition=1),
-    "spread of ECMWF, edition 1": profile(section_1({5: 98, 41: 1, 43: 18}), edition=1),
-    "analysis error of ECMWF": profile(section_1({5: 98, 41: 1, 43: 13}), edition=1),
-    "monthly mean of ECMWF": profile(
+    "spread": messages(productDefinitionTemplateNumber=2, derivedForecast=4),
+    "standard deviation": messages(productDefinitionTemplateNumber=2, derivedForecast=2),
+    "probability": messages(productDefinitionTemplateNumber=5),
+    "percentile": messages(productDefinitionTemplateNumber=6),
+    "analysis error": messages(typeOfGeneratingProcess=7),
+    "climatology": messages(typeOfGeneratingProcess=9),
+    "increment": messages(typeOfGeneratingProcess=20),
+    "average": messages(productDefinitionTemplateNumber=8),
+    "event probability": messages(typeOfProcessedData=8),
+    "percentile of NCEP": messages(productDefinitionTemplateNumber=2, derivedForecast=193),
+    "spread of ECMWF": messages(local(18)),
+    "standard deviation, edition 1": messages(section_1({21: 119}), edition=1),
+    "average of edition 1": messages(section_1({21: 3}), edition=1),
+    "spread of ECMWF, edition 1": messages(section_1({5: 98, 41: 1, 43: 18}), edition=1),
+    "analysis error of ECMWF": messages(section_1({5: 98, 41: 1, 43: 13}), edition=1),
+    "monthly mean of ECMWF": messages(
         section_1({5: 98, 41: 1, 43: 2, 44: 1071 // 256, 45: 1071 % 256}), edition=1
     ),
-    "spread of NCEP, edition 1": profile(section_1({5: 7, 41: 1, 44: 11}), edition=1),
+    "spread of NCEP, edition 1": messages(section_1({5: 7, 41: 1, 44: 11}), edition=1),
 }
 STATES = {
-    "mean": profile(productDefinitionTemplateNumber=2, derivedForecast=0),
-    "member": profile(productDefinitionTemplateNumber=1, perturbationNumber=3),
-    "analysis": profile(typeOfGeneratingProcess=0),
-    "mean of ECMWF": profile(local(17)),
-    "member of ECMWF, edition 1": profile(section_1({5: 98, 41: 1, 43: 11, 50: 4}), edition=1),
-    "mean of NCEP, edition 1": profile(section_1({5: 7, 41: 1, 44: 2}), edition=1),
+    "mean": messages(productDefinitionTemplateNumber=2, derivedForecast=0),
+    "member": messages(productDefinitionTemplateNumber=1, perturbationNumber=3),
+    "analysis": messages(typeOfGeneratingProcess=0),
+    "mean of ECMWF": messages(local(17)),
+    "member of ECMWF, edition 1": messages(section_1({5: 98, 41: 1, 43: 11, 50: 4}), edition=1),
+    "mean of NCEP, edition 1": messages(section_1({5: 7, 41: 1, 44: 2}), edition=1),
 }
 
 

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from airswing.evaluation.monitoring.events import Event, Monitoring, State, UnitTable
-from airswing.report.run.changes import (
-    monitoring_section,
-    stability_section,
-    write_monitoring_page,
-)
+from airswing.report.run.changes import monitoring_section, stability_section, write_monitoring_page
 from airswing.report.run.evaluation import ranking_section, sensitivity_section
 from tests.report.pages import Drawn
 

@@ -62,8 +62,7 @@ def test_of_two_reports_at_one_place_and_time_the_fuller_stays(tmp_path, less, m
 
 
 @pytest.mark.parametrize(
-    ("second", "east", "dropped"),
-    [("07", -80.0, {"conflicting_position": 1}), ("00", -86.75, {})],
+    ("second", "east", "dropped"), [("07", -80.0, {"conflicting_position": 1}), ("00", -86.75, {})]
 )
 def test_two_places_are_a_conflict_except_on_a_minute_clock(tmp_path, second, east, dropped):
     rows = [row(time=f"2009-01-05T12:0{k}:{second}Z", longitude=-87 + 0.1 * k) for k in range(5)]

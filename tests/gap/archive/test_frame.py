@@ -33,6 +33,7 @@ from airswing.gap.distribution.gross_errors import outliers
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.noise import fit_noise, gross_errors
 from airswing.gap.simulation.forward import Coding
+from airswing.units import KNOT
 
 
 @pytest.fixture(scope="module")
@@ -308,7 +309,7 @@ def test_diagnosis_states_step_and_closure(exact):
     assert effect.name == "heading_coding"
     assert effect.tails == [exact.tails[0], exact.tails[2]]
     assert effect.parameters == {"step_deg": 5.0, "true_north": None}
-    true = (np.hypot(*frame.residual.T).mean() - np.hypot(*exact.residual.T).mean()) / 0.514444
+    true = (np.hypot(*frame.residual.T).mean() - np.hypot(*exact.residual.T).mean()) / KNOT
     low, high = report.closure.reduction_ci
     assert low < true < high
     assert report.closure.reduction == pytest.approx(true, rel=0.25)

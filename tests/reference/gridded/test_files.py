@@ -18,11 +18,9 @@ from airswing.reference.catalogue import build_catalogue
 from airswing.reference.files import identify
 from tests.command import airswing as command
 from tests.command import configured
-from tests.reference.builders import GLOBE, LATLON, build, write
+from tests.reference.builders import GLOBE, LATLON, SIZE, build, profile, write
 from tests.reference.gridded.datasets import by_hand, points, winds
 from tests.reference.gridded.test_layouts import LAT, LON, P, base, check
-
-SIZE = LATLON["Ni"] * LATLON["Nj"]
 
 
 def inside(model):
@@ -35,21 +33,14 @@ def at_first_time(model, *, chunks=None):
     return np.array(winds(airswing.collocate(reports, {"x": model})))
 
 
-def write_pairs(path, levels, values=None, *, keys=LATLON):
-    """A GRIB file of u and v of the same values on some levels."""
-    messages = [build(keys, values, parameter=p, level=n) for n in levels for p in "uv"]
-    return write(path, *messages)
-
-
 @pytest.mark.parametrize("levels_far", [(300, 900), (200, 300, 500, 900)])
 def test_of_two_grids_the_one_around_the_reports_is_used(levels_far, tmp_path):
     """Also if the other grid has more levels."""
     far = {**LATLON, "latitudeOfFirstGridPointInDegrees": -20.0}
     far |= {"latitudeOfLastGridPointInDegrees": -40.0}
-    write_pairs(tmp_path / "0", levels_far, np.full(SIZE, 1.0), keys=far)
-    write_pairs(tmp_path / "1", (300, 900), np.full(SIZE, 7.0))
-    parts = [(tmp_path / name).read_bytes() for name in "01"]
-    for order in (parts, parts[::-1]):
+    far = profile(levels_far, np.full(SIZE, 1.0), keys=far)
+    near = profile((300, 900), np.full(SIZE, 7.0))
+    for order in (far + near, near + far):
         model = build_catalogue(write(tmp_path / "x", *order), name="x", cache_dir=tmp_path / "c")
         assert any("grids" in note for note in model.notes)
         for chunks in (None, 1):
@@ -120,7 +111,7 @@ def test_ecmwf_model_levels(surface, tmp_path):
 
 
 def test_keys_for_grib_are_honoured_or_refused_by_name(tmp_path):
-    path = write_pairs(tmp_path / "x", [500])
+    path = write(tmp_path / "x", *profile([500]))
     for naming in ({"u": "U"}, {"units": {"u": "kt"}}, {"level": "lev"}, {"projection": "+proj=x"}):
         (key,) = naming
         with pytest.raises(InputError, match=rf"references\.x\.{key}: this key does not apply"):
@@ -136,7 +127,7 @@ def test_compressed_files_are_read(opener, kind, tmp_path):
     if kind == "netcdf":
         base().to_netcdf(source)
     else:
-        write_pairs(source, (300, 900), np.arange(SIZE) / 10.0)
+        write(source, *profile((300, 900), np.arange(SIZE) / 10.0))
     packed = tmp_path / "packed.gz"
     with opener(packed, "wb") as file:
         file.write(source.read_bytes())
