@@ -29,9 +29,8 @@ LONGEST = (
 def pytest_collection_modifyitems(items):
     """Put the longest files first; a worker takes whole files, for the sake of their fixtures."""
     places = {ROOT / f"tests/{name}.py": number for number, name in enumerate(LONGEST)}
-    items.sort(
-        key=lambda item: places.get(item.path, len(LONGEST) + (item.path.suffix != ".ipynb"))
-    )
+    last = len(LONGEST)
+    items.sort(key=lambda item: places.get(item.path, last + (item.path.suffix != ".ipynb")))
 
 
 @pytest.fixture(scope="session")
@@ -142,9 +141,8 @@ def names_only(monkeypatch):
 @pytest.fixture
 def no_gap_page(monkeypatch):
     """``airswing gap`` without its page, which takes a fifth of its time."""
-    monkeypatch.setattr(
-        "airswing.workflow.gap_stage.write_gap_page", lambda folder, **_: folder / "index.html"
-    )
+    page = "airswing.workflow.gap_stage.write_gap_page"
+    monkeypatch.setattr(page, lambda folder, **_: folder / "index.html")
 
 
 @pytest.fixture(scope="module")

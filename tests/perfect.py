@@ -115,9 +115,8 @@ def write_model(place, folder, *, layout="pairs", levels=LEVELS, pascals=False, 
                 options["extra"] = {"typeOfLevel": "isobaricInPa", "level": level * 100}
             winds = place.wind(i, j, np.log(level * 100.0), step)
             for name, wind, messages in zip("uv", winds, (us, vs), strict=True):
-                messages.append(
-                    build(place.keys, wind.ravel(), parameter=name, level=level, **options)
-                )
+                message = build(place.keys, wind.ravel(), parameter=name, level=level, **options)
+                messages.append(message)
         pairs = list(zip(us, vs, strict=True))
         files = {
             "apart": {"u": us, "v": vs},

@@ -56,9 +56,8 @@ def test_the_recipe_runs_the_main_job_on_workers_of_the_batch_system(slurm, tmp_
         "DASK_JOBQUEUE__SLURM__MEMORY": "4GiB",
     }
     recipe = [sys.executable, str(root / "configs/batch/slurm.py"), str(config), "1"]
-    done = subprocess.run(
-        recipe, env=environment, capture_output=True, text=True, timeout=240, cwd=tmp_path
-    )
+    options = {"env": environment, "cwd": tmp_path, "timeout": 240}
+    done = subprocess.run(recipe, capture_output=True, text=True, **options)
     assert done.returncode == 0, done.stderr[-2000:]
     assert "dask dashboard" in done.stderr + done.stdout
     assert (slurm / "cancelled").read_text() == (slurm / "submitted").read_text()

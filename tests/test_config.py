@@ -139,10 +139,8 @@ def test_numbers_that_are_no_time_are_refused(written):
     ids=range(9),
 )
 def test_messages_are_short_lines(value):
-    error = InputError(
-        str(shortened(value)), file=value, field="f" * 9000, found=value, remedy="r" * 999
-    )
-    text = str(error)
+    parts = {"file": value, "field": "f" * 9000, "found": value, "remedy": "r" * 999}
+    text = str(InputError(str(shortened(value)), **parts))
     assert len(text) <= LONGEST
     assert text.isprintable()
 

@@ -42,7 +42,6 @@ GRIDS = {
     "europe_rotated": {"layout": "multi", "levels": perfect.LEVELS[::-1], "pascals": True},
     "fiji_mercator_across_180": {"layout": "apart"},
 }
-"""Grids of `perfect.PLACES` in different layouts of files."""
 
 
 @pytest.mark.parametrize("name", GRIDS)

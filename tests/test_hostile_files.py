@@ -50,7 +50,6 @@ def test_damaged_gzip_files_are_one_message(tmp_path):
 
 
 QUICK = {kind: share for kind, share in SHARES.items() if kind not in LONG}
-"""Kinds of which a case takes milliseconds; the others have a few cases each."""
 
 
 @pytest.mark.parametrize("count", [140, pytest.param(500, marks=pytest.mark.slow)])

@@ -28,7 +28,6 @@ eccodes.codes_release(h)
     ],
 )
 def test_both_libraries_work_in_any_import_order(first):
-    done = subprocess.run(
-        [sys.executable, "-c", first + WORK], capture_output=True, text=True, timeout=120
-    )
+    command = [sys.executable, "-c", first + WORK]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, (done.returncode, done.stderr[-2000:])

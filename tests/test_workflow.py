@@ -121,10 +121,8 @@ def test_cf_xarray_and_trajan_open_the_trajectories(path):
         ragged = ds[["row_size", "eastward_wind"]].rename(aircraft="trajectory", report="index")
         opened = ragged.drop_vars("pressure_altitude").traj
         assert isinstance(opened, Ragged)
-        assert opened.ds.sizes == {
-            "trajectory": ds.sizes["aircraft"],
-            "index": int(ds["row_size"].max()),
-        }
+        sizes = {"trajectory": ds.sizes["aircraft"], "index": int(ds["row_size"].max())}
+        assert opened.ds.sizes == sizes
 
 
 @pytest.mark.parametrize("product", NAMES)
@@ -145,16 +143,13 @@ def test_a_corrected_archive_has_nothing_left_to_correct(quickstart):
     headings = read_product(quickstart / workflow.HEADINGS)
     corrected = read_product(quickstart / workflow.CORRECTED)
     winds = headings[["reference_eastward_wind", "reference_northward_wind", "lead_time"]]
-    reports = headings.drop_dims("reference").assign(
-        eastward_wind=corrected["corrected_eastward_wind"],
-        northward_wind=corrected["corrected_northward_wind"],
-    )
-    again = airswing.screen(
-        airswing.derive_headings(reports, winds), **config.screening.model_dump()
-    )
-    refit = airswing.fit_deviation(again, pools=config.pools(), harmonics=1).sel(
-        reference="ruc+rtfdaa"
-    )
+    names = ("eastward_wind", "northward_wind")
+    reports = headings.drop_dims("reference")
+    reports = reports.assign({name: corrected[f"corrected_{name}"] for name in names})
+    again = airswing.derive_headings(reports, winds)
+    again = airswing.screen(again, **config.screening.model_dump())
+    refit = airswing.fit_deviation(again, pools=config.pools(), harmonics=1)
+    refit = refit.sel(reference="ruc+rtfdaa")
     first = read_product(quickstart / workflow.FITS).sel(reference="ruc+rtfdaa")
     ok = (first["status"] == 0).to_numpy()
     assert ok.sum() >= 4

@@ -52,12 +52,6 @@ def headings_of(*parts):
     return ragged({"magnetic_heading": m, "screening": 0 * m.astype(int)}, [*map(len, parts)])
 
 
-def nodes_of(coefficients, histogram=EVEN, resolution=0.0):
-    """Heading error at the nodes of the table."""
-    fits = add_tables(fits_of(coefficients), histogram, resolution=resolution)
-    return error_from_table(fits)[0, 0].to_numpy()
-
-
 @given(st.lists(st.floats(-20, 20), min_size=8, max_size=8), st.floats(-720, 720) | st.just(np.nan))
 def test_interpolation_is_the_periodic_one_of_numpy(table, heading):
     expected = np.interp(heading, NODES, table, period=360)
@@ -72,7 +66,7 @@ def test_interpolation_is_the_periodic_one_of_numpy(table, heading):
 )
 def test_projection_has_the_known_gain_and_residual(cycles, curve, gain, residual):
     # the nodes sample sin at 45 degrees (one cycle) and at its maxima (two cycles)
-    nodes = nodes_of(curve)
+    nodes = error_from_table(add_tables(fits_of(curve), EVEN, resolution=0.0))[0, 0].to_numpy()
     assert nodes == pytest.approx(gain * np.sin(np.radians(cycles * NODES)), abs=2e-3)
     error = unit_interpolation(nodes, FINE) - deviation_curve(curve, FINE)
     assert np.sqrt(2.0 * np.mean(error**2)) == pytest.approx(residual, abs=2e-3)
@@ -88,9 +82,8 @@ def test_round_trip_of_the_sign(sign):
     table = unit_interpolation(fits["table_correction"][0, 0].to_numpy(), indicated)
     corrected = indicated + table if sign == "subtract_error" else indicated - table
     assert np.abs(corrected - true).max() < 0.35
-    assert np.sqrt(np.mean((corrected - true) ** 2)) == pytest.approx(
-        fits["table_residual_rms"].item(), abs=5e-3
-    )
+    rms = np.sqrt(np.mean((corrected - true) ** 2))
+    assert rms == pytest.approx(fits["table_residual_rms"].item(), abs=5e-3)
     # a navigator's deviation (magnetic - compass) is what subtract_error adds
     east = fits["table_correction"][0, 0, 2].item()
     assert np.sign(east) == (-1 if sign == "subtract_error" else 1)
@@ -124,9 +117,8 @@ def test_the_csv_file_lists_every_node_also_of_refused_fits(tmp_path):
     path = write_tables_csv(fits, tmp_path / "tables.csv")
     rows = list(csv.DictReader(path.open(newline="")))
     assert [float(row["heading_deg"]) for row in rows] == [*NODES, *NODES]
-    assert [float(row["table_correction_deg"]) for row in rows[:8]] == pytest.approx(
-        fits["table_correction"][0, 0].to_numpy()
-    )
+    written = [float(row["table_correction_deg"]) for row in rows[:8]]
+    assert written == pytest.approx(fits["table_correction"][0, 0].to_numpy())
     # A, C and E at north: sqrt(3) of 0.1
     assert rows[0]["standard_error_deg"] == "0.173"
     shared = {"reference": "ruc", "sign": "subtract_error"}

@@ -101,9 +101,8 @@ def model(reports, *, noise=0.0, names=("ruc",)):
 
 
 def with_reported(reports, heading, airspeed):
-    return reports.assign(
-        reported_heading=("report", np.mod(heading, 360.0)), reported_airspeed=("report", airspeed)
-    )
+    columns = {"reported_heading": np.mod(heading, 360.0), "reported_airspeed": airspeed}
+    return reports.assign(ragged(columns))
 
 
 def from_reported(ds):
@@ -135,9 +134,8 @@ def test_heading_errors_equal_the_simulated_compass_errors():
     np.testing.assert_allclose(error(ds.heading, truth["unit_heading"]), 0.0, atol=2e-3)
     np.testing.assert_allclose(error(ds.track, truth["track"]), 0.0, atol=1e-3)
     np.testing.assert_allclose(ds.airspeed, 1.02 * truth["airspeed"], rtol=1e-5)
-    np.testing.assert_allclose(
-        error(ds.heading - ds.declination, ds.magnetic_heading.values), 0.0, atol=1e-4
-    )
+    magnetic = ds.heading - ds.declination
+    np.testing.assert_allclose(error(magnetic, ds.magnetic_heading.values), 0.0, atol=1e-4)
     # an error of the airspeed shows along the heading and not across
     np.testing.assert_allclose(ds.airspeed_error[0], 0.02 * truth["airspeed"], atol=2e-3)
     for name in ("heading", "heading_error", "horizontal_field", "turn", "airspeed_error"):
@@ -235,9 +233,8 @@ def test_headings_of_a_research_aircraft_follow_from_fixes_and_wind(real):
     with xr.open_dataset(real("heading/ncar_gv_20131001.nc"), engine="netcdf4") as ds:
         gv = ds.load().isel(Time=slice(0, None, 20))
     names = ("WSC", "WDC", "LATC", "LONC", "GGALT", "THDG", "TASX")
-    speed, direction, lat, lon, height, heading, airspeed = (
-        gv[name].values.astype(float) for name in names
-    )
+    columns = (gv[name].values.astype(float) for name in names)
+    speed, direction, lat, lon, height, heading, airspeed = columns
     wind = wind_components(speed, np.radians(direction))
     columns = {
         "time": gv.Time.values.astype("datetime64[ns]"),
@@ -265,10 +262,8 @@ def refuse(*_, **__):
 
 def stages(reports, winds):
     """Every stage on what the stage before returned."""
-    headings = screen(derive_headings(reports, winds))
-    headings = mark_corrected_units(
-        headings, aircraft=["N001"], start=np.datetime64("2009-04-01", "ns")
-    )
+    headings, start = screen(derive_headings(reports, winds)), np.datetime64("2009-04-01", "ns")
+    headings = mark_corrected_units(headings, aircraft=["N001"], start=start)
     fits = add_tables(fit_deviation(headings, pools=POOLS, min_reports=100), headings)
     return [headings, audit(headings), fits, correct(headings, fits)]
 

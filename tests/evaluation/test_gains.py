@@ -45,9 +45,8 @@ def test_predicted_and_realised_gains_agree_over_many_fleets():
 
 @pytest.mark.parametrize("corrected", [None, ["N001", "N003"]])
 def test_the_gain_is_that_of_the_corrected_winds(headings, corrected):
-    test = virtual_field_test(
-        headings, learned_until=UNTIL, corrected=corrected, draws=50, **AGAINST
-    )
+    options = {"learned_until": UNTIL, "draws": 50} | AGAINST
+    test = virtual_field_test(headings, corrected=corrected, **options)
     group = test["groups"]["corrected"]
     fall = group["during_uncorrected_kt"] - group["during_kt"]
     assert test["realised_gain_kt"] == pytest.approx(fall, abs=1e-9)

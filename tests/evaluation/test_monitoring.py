@@ -215,9 +215,8 @@ def test_states_hold_the_disagreement_of_the_winds_and_the_tables(stepped, monit
     assert state.past_disagreement_kt == pytest.approx(size[n004 & ~late].mean())
     assert (state.first_day, state.last_day, state.silent) == ("2008-07-01", "2008-08-14", False)
     assert state.tables_differ is False and state.table_difference_deg == 0.0
-    np.testing.assert_allclose(
-        state.table_now.correction_deg, fits["table_correction"].isel(reference=0, aircraft=4)
-    )
+    table = fits["table_correction"].isel(reference=0, aircraft=4)
+    np.testing.assert_allclose(state.table_now.correction_deg, table)
 
 
 def test_an_outdated_table_on_board_is_reported(stepped, monitored, tmp_path):

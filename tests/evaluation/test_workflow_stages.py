@@ -44,9 +44,8 @@ def job_in(output, **sections):
     return Job(config, Progress(quiet=True))
 
 
-PAPER = {
-    ROOT / f"configs/{name}.yaml" for name in ("ruc_rr", "rtfdaa", "pooled", "field_test_2009")
-}
+NAMES = ("ruc_rr", "rtfdaa", "pooled", "field_test_2009")
+PAPER = {ROOT / f"configs/{name}.yaml" for name in NAMES}
 SHIPPED = sorted(PAPER.union((ROOT / "configs").glob("*.yaml")))
 
 
@@ -77,9 +76,8 @@ def test_fits_of_windows_before_the_first_new_month_are_kept(tmp_path, headings,
     marked["windows"] = [entry | {"reports": -1} for entry in marked["windows"]]
     marked["windows"] = [entry for entry in marked["windows"] if entry["aircraft"] != "N002"]
     (job.output / "stability.json").write_text(json.dumps(marked))
-    for before, after in zip(
-        first["windows"], night(["2008-08"], ["2008-07"])["windows"], strict=True
-    ):
+    second = night(["2008-08"], ["2008-07"])
+    for before, after in zip(first["windows"], second["windows"], strict=True):
         july = before["window"] == "2008-07-01"
         if july and before["aircraft"] == "N002":  # a new aircraft had no report then
             before = {**dict.fromkeys(("aircraft", "window")), "reports": 0}
@@ -93,9 +91,8 @@ def test_the_ranking_is_a_table_a_spreadsheet_reads(tmp_path, headings):
     ranking = stages.make_ranking(job, headings, fit_deviation(headings))
     rows = list(csv.DictReader((job.output / "ranking.csv").open()))
     assert [row["aircraft"] for row in rows] == [entry["aircraft"] for entry in ranking]
-    assert float(rows[0]["expected_gain_kt"]) == pytest.approx(
-        ranking[0]["expected_gain_kt"], abs=6e-4
-    )
+    expected = pytest.approx(ranking[0]["expected_gain_kt"], abs=6e-4)
+    assert float(rows[0]["expected_gain_kt"]) == expected
     assert float(rows[0]["expected_gain_low_kt"]) < float(rows[0]["expected_gain_high_kt"])
 
 

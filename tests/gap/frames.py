@@ -31,9 +31,8 @@ def derivative(name, time, latitude, longitude, lnp):
     place = (time, latitude, longitude, lnp)
     after = wind(*(a + b for a, b in zip(place, shift, strict=True)))
     before = wind(*(a - b for a, b in zip(place, shift, strict=True)))
-    metres = {"x": METRES_PER_DEGREE * np.cos(np.radians(40.0)), "y": METRES_PER_DEGREE}.get(
-        name, 1.0
-    )
+    lengths = {"x": METRES_PER_DEGREE * np.cos(np.radians(40.0)), "y": METRES_PER_DEGREE}
+    metres = lengths.get(name, 1.0)
     return tuple((b - a) / (2.0 * h * metres) for a, b in zip(before, after, strict=True))
 
 

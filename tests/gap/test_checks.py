@@ -178,11 +178,9 @@ def test_fits_and_field_test_without_the_bias_of_a_reference_are_those_of_an_unb
 
 def test_diagnosis_removes_the_airspeed_error_and_keeps_the_deviation():
     names = ("compass_offset", "hard_iron", "tas_scale", "reference_speed_bias")
-    put_in = (
-        effect("compass_offset", [1], offset_deg=1.5),
-        effect("tas_scale", [3], scale_percent=2.0),
-    )
-    frame = make_frame(seed=9, aircraft=5, days=16, noise=0.3, effects=put_in)
+    offset, scale = effect("compass_offset", [1], offset_deg=1.5), {"scale_percent": 2.0}
+    effects = (offset, effect("tas_scale", [3], **scale))
+    frame = make_frame(seed=9, aircraft=5, days=16, noise=0.3, effects=effects)
     diagnosis = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, dictionary=False)
     assert {e.name for e in diagnosis.report.effects} == {"compass_offset", "tas_scale"}
     assert diagnosis.adjustment.names == ("tas_scale",)

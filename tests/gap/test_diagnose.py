@@ -18,10 +18,8 @@ from airswing.gap.simulation.effects_file import active_effects
 from airswing.products.whole_files import json_types
 from airswing.units import KNOT
 
-SMALL = {
-    n: CATALOGUE[n]
-    for n in ("compass_offset", "hard_iron", "soft_iron", "compass_step", "tas_scale")
-}
+NAMES = ("compass_offset", "hard_iron", "soft_iron", "compass_step", "tas_scale")
+SMALL = {name: CATALOGUE[name] for name in NAMES}
 
 
 def disagreement(frame, before):
@@ -85,10 +83,8 @@ def test_one_cycle_on_two_aircraft(iron, quiet):
 @pytest.mark.parametrize("size", [pytest.param(1.0, marks=pytest.mark.slow), 2.0])
 def test_constant_one_and_two_cycles_of_all_aircraft_are_three_names(size):
     """Not one table of the heading, which has more evidence than hard iron alone."""
-    effects = []
-    for k, (constant, hard, soft) in enumerate(
-        [(0.8, 3.5, 0.3), (-1.2, 1.5, 1.4), (0.4, 2.5, 1.2)]
-    ):
+    effects, sizes = [], [(0.8, 3.5, 0.3), (-1.2, 1.5, 1.4), (0.4, 2.5, 1.2)]
+    for k, (constant, hard, soft) in enumerate(sizes):
         effects += [
             effect("compass_offset", [k], offset_deg=size * constant),
             effect("hard_iron", [k], amplitude_deg=size * hard, phase_deg=57.0 * k),
@@ -120,9 +116,8 @@ def test_all_forms_of_a_name_are_compared_with_a_table():
     heater = effect("heater_current", [0, 3, 5], offset_deg=0.84, amplitude_deg=0.01, phase_deg=8)
     weak = effect("declination_error", factor=1.5, mean_deg=-0.16)
     report = diagnose(make_frame(seed=1, effects=[heater, weak])).report
-    assert [(entry.name, entry.tails) for entry in report.effects] == [
-        ("heater_current", ["N401", "N404", "N406"])
-    ]
+    (entry,) = report.effects
+    assert (entry.name, entry.tails) == ("heater_current", ["N401", "N404", "N406"])
     assert not report.unknown.where
 
 
@@ -159,9 +154,8 @@ def test_one_effect_is_named_sized_and_dated(monkeypatch, name, aircraft, day, v
 
 
 def test_an_offset_of_the_references_time_hides_no_other_effect(quiet):
-    frame = archive(
-        effect("reference_time_offset", offset_h=1.0), effect("compass_offset", [2], offset_deg=0.6)
-    )
+    offset = effect("compass_offset", [2], offset_deg=0.6)
+    frame = archive(effect("reference_time_offset", offset_h=1.0), offset)
     names = ("reference_time_offset", "compass_offset", "reference_speed_bias")
     report = diagnose(frame, catalogue={n: CATALOGUE[n] for n in names}, dictionary=False).report
     claims = {entry.name: entry for entry in report.effects}
@@ -171,9 +165,8 @@ def test_an_offset_of_the_references_time_hides_no_other_effect(quiet):
         ("reference_time_offset", "offset_h", 1.0),
         ("compass_offset", "offset_deg", 0.6),
     ):
-        stated, error = (
-            values[parameter] for values in (claims[name].parameters, claims[name].standard_errors)
-        )
+        stated = claims[name].parameters[parameter]
+        error = claims[name].standard_errors[parameter]
         assert stated == pytest.approx(true, abs=3 * error) and error < 0.2
     true = disagreement(frame, quiet)
     assert report.closure.reduction == pytest.approx(true, rel=0.1)

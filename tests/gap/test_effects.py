@@ -86,9 +86,8 @@ def test_columns_are_the_derivative_of_the_simulation(perfect, name):
         size = np.sqrt(np.mean(columns[k] ** 2))
         # the frame has no report above 425 hPa
         assert size > 0.0 or (name == "reference_speed_bias" and LEVELS[k - 1] <= 425)
-        np.testing.assert_allclose(
-            slope, columns[k], atol=(0.05 if years else 1e-6) * (size or 1.0)
-        )
+        tolerance = (0.05 if years else 1e-6) * (size or 1.0)
+        np.testing.assert_allclose(slope, columns[k], atol=tolerance)
 
 
 @pytest.mark.parametrize("name", [n for n in LINEAR if CATALOGUE[n].stage != "sensor"])
@@ -106,10 +105,8 @@ def test_coefficients_from_parameters(perfect, name):
     effect = CATALOGUE[name]
     rng = np.random.default_rng(3)
     for subset in effect.alternatives or [tuple(range(effect.column_scales.size))]:
-        coefficients = np.zeros(effect.column_scales.size)
-        coefficients[list(subset)] = effect.column_scales[list(subset)] * rng.normal(
-            size=len(subset)
-        )
+        coefficients, used = np.zeros(effect.column_scales.size), list(subset)
+        coefficients[used] = effect.column_scales[used] * rng.normal(size=len(subset))
         if name == "heater_current" and len(subset) in (2, 6) and subset[0] >= 3:
             # a band is the difference of two columns
             half = len(subset) // 2
@@ -154,9 +151,8 @@ def test_one_degree_at_250_knots_is_4_36_knots_across(perfect):
 )
 def test_phase_convention_and_growth_of_hard_iron_in_a_weaker_field(perfect, field, one_cycle):
     m = np.radians([0.0, 60.0, 135.0])
-    frame = replace(
-        perfect.take(slice(0, 3)), magnetic_heading=m, horizontal_field=np.full(3, field)
-    )
+    frame = perfect.take(slice(0, 3))
+    frame = replace(frame, magnetic_heading=m, horizontal_field=np.full(3, field))
     at_field = {"at_horizontal_field_nT": 19369.0}
     for name, cycles, amplitude in (("hard_iron", 1, one_cycle), ("soft_iron", 2, 3.0)):
         effect, values = CATALOGUE[name], {"amplitude_deg": 3.0, "phase_deg": 30.0}
@@ -222,18 +218,9 @@ def test_acceleration_and_turn_error_by_hand(perfect):
 def test_declination_of_an_old_epoch_is_igrf_itself(perfect):
     few = perfect.take(slice(0, None, 40))
     change = difference(few, "declination_error", {"epoch_year": 1995.0})
-    then, now = (
-        np.array(
-            [
-                np.arctan2(east.item(), north.item())
-                for east, north, _ in (
-                    ppigrf.igrf(lon, lat, 3.0, date)
-                    for lon, lat in zip(few.longitude, few.latitude, strict=True)
-                )
-            ]
-        )
-        for date in (datetime(1995, 1, 1), datetime(2009, 7, 18))
-    )
+    dates = datetime(1995, 1, 1), datetime(2009, 7, 18)
+    fields = (ppigrf.igrf(few.longitude, few.latitude, 3.0, date) for date in dates)
+    then, now = (np.arctan2(east[0], north[0]) for east, north, _ in fields)
     error = then - now
     chord = 2.0 * few.airspeed * np.abs(np.sin(error / 2.0))
     np.testing.assert_allclose(np.hypot(*change.T), chord, atol=0.05)
@@ -302,9 +289,8 @@ def test_unrotated_winds_are_rotated(perfect):
 def test_speed_bias_recovers_the_wind_met(perfect, limits, inside):
     factor = np.where(inside(perfect.pressure), 1.1, 1.0)
     strong = replace(perfect, u_ref=perfect.u_ref * factor, v_ref=perfect.v_ref * factor)
-    met = simulate(
-        strong, effects=[ActiveEffect("reference_speed_bias", {"bias_percent": 10.0, **limits})]
-    )
+    effect = ActiveEffect("reference_speed_bias", {"bias_percent": 10.0, **limits})
+    met = simulate(strong, effects=[effect])
     np.testing.assert_allclose(met.u_rep, perfect.u_ref, atol=1e-9)
     assert 0.0 < np.mean(factor > 1.0) <= 1.0
 
@@ -320,9 +306,8 @@ def test_swapped_aircraft_show_each_others_errors_from_the_date_on(perfect):
     )
     wrong = np.hypot(*(sent.residual - perfect.residual).T) > 1.0
     late = perfect.time >= date
-    np.testing.assert_array_equal(
-        wrong, np.where(late, perfect.aircraft == 2, perfect.aircraft == 0)
-    )
+    expected = np.where(late, perfect.aircraft == 2, perfect.aircraft == 0)
+    np.testing.assert_array_equal(wrong, expected)
     with pytest.raises(InputError, match="N999"):
         difference(perfect, "tail_swap", {"pair": ["N401", "N999"]})
     with pytest.raises(InputError, match="two aircraft"):

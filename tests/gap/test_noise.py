@@ -120,9 +120,8 @@ def flights(keep=None, *, anisotropic=False):
     step = np.where(np.r_[True, flight[1:] != flight[:-1]], np.inf, rng.uniform(5, 60, 13))
     order = flight_order(flight, np.arange(13.0))
     level = rng.uniform(0.8, 1.3, 13)
-    gains = kalman_gains(
-        order, np.exp(-step / LENGTH), level, keep, correlated_sd=SIGNAL, white_sd=WHITE
-    )
+    size = {"correlated_sd": SIGNAL, "white_sd": WHITE}
+    gains = kalman_gains(order, np.exp(-step / LENGTH), level, keep, **size)
     position = np.cumsum(np.where(np.isfinite(step), step, 0.0))
     gap = np.abs(position[:, None] - position)
     signal = np.where(flight[:, None] == flight, SIGNAL**2 * np.exp(-gap / LENGTH), 0.0)
@@ -179,9 +178,8 @@ def test_interpolation_errors_are_those_of_the_inverse_covariance(keep, anisotro
 
 def test_flight_steps_by_hand():
     order = flight_order(np.array([1, 1, 2]), np.array([0.0, 60.0, 0.0]))
-    distance, step = flight_steps(
-        np.array([40.0, 41.0, 10.0]), np.array([-90.0, -90.0, 0.0]), np.log([9e4, 8e4, 5e4]), order
-    )
+    place = np.array([40.0, 41.0, 10.0]), np.array([-90.0, -90.0, 0.0]), np.log([9e4, 8e4, 5e4])
+    distance, step = flight_steps(*place, order)
     assert np.isinf(distance[[0, 2]]).all()
     assert distance[1] == pytest.approx(np.radians(1) * 6.371e6, rel=1e-9)
     assert step[1] == pytest.approx(np.log(9 / 8))

@@ -44,10 +44,8 @@ def test_scatter_that_was_known_is_not_named_again():
         ActiveEffect("hard_iron", {"amplitude_deg": 1.0}, ("N401",)),
     ]
     remaining = not_known(entries, effects)
-    assert [(entry.name, entry.tails) for entry in remaining] == [
-        ("outliers", ["N402"]),
-        ("hard_iron", ["N401"]),
-    ]
+    expected = [("outliers", ["N402"]), ("hard_iron", ["N401"])]
+    assert [(entry.name, entry.tails) for entry in remaining] == expected
     assert list(remaining[0].per_tail) == ["N402"]
     everyone = [ActiveEffect("outliers", {"fraction": 0.02})]
     assert [entry.name for entry in not_known(entries, everyone)] == ["hard_iron"]
@@ -97,9 +95,8 @@ def effects_of_files(draw):
     parameters = {p.name: draw(values) for p in effect.parameters if p.number}
     if effect.name == "tail_swap":
         parameters["pair"] = ["N401", "N402"]
-    tails = draw(
-        st.none() | st.lists(st.sampled_from(["N401", "7", "N403"]), min_size=1).map(tuple)
-    )
+    names = st.lists(st.sampled_from(["N401", "7", "N403"]), min_size=1)
+    tails = draw(st.none() | names.map(tuple))
     start = draw(st.none() | st.integers(0, 2**31).map(float))
     end = None if start is None else start + draw(st.integers(1, 10**7))
     period = draw(st.sampled_from([None, (start, end)]))
@@ -126,9 +123,8 @@ def test_file_with_units_and_dates(tmp_path):
         "    period: [2009-08-01, 2009-08-02T12:00:00Z]\n"
     )
     iron, offset, step = read_effects(path)
-    assert iron == ActiveEffect(
-        "hard_iron", {"amplitude_deg": 3.9, "phase_deg": 40.0}, ("N412", "418"), None
-    )
+    parameters = {"amplitude_deg": 3.9, "phase_deg": 40.0}
+    assert iron == ActiveEffect("hard_iron", parameters, ("N412", "418"), None)
     assert offset.tails is None
     assert offset.parameters["offset_m_s"] == pytest.approx(1.028889, abs=1e-6)
     assert step.parameters["offset_deg"] == pytest.approx(2.0, abs=1e-4)

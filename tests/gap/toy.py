@@ -9,7 +9,7 @@ from airswing.synthetic.observe import Coding
 
 START = np.datetime64("2009-03-01")
 EXACT = Coding(
-    direction_deg=1e-6, speed_kt=1e-6, position_arcmin=1e-5, airspeed_noise=0.0, heading_noise=0.0
+    direction_deg=1e-7, speed_kt=1e-7, position_arcmin=1e-6, airspeed_noise=0.0, heading_noise=0.0
 )
 SAME = ("u_ref", "v_ref", "u_before", "v_before", "u_after", "v_after", "ground_u", "ground_v")
 SAME += ("flight", "latitude", "longitude", "pressure", "declination", "dip")
@@ -28,9 +28,8 @@ def effect(name, aircraft=None, day=None, **values):
 
 def make_frame(*, seed=0, aircraft=8, days=20, effects=(), noise=1.0):
     """Build an archive with `effects` and with noise of the reported winds, m/s."""
-    scenario = Scenario(
-        aircraft=aircraft, days=days, seed=seed, effects=effects, coding=EXACT, **SMALL
-    )
+    size = {"aircraft": aircraft, "days": days} | SMALL
+    scenario = Scenario(seed=seed, effects=effects, coding=EXACT, **size)
     table, references, _ = simulate(scenario)
     place = [table[name].to_numpy() for name in ("latitude", "longitude", "pressure")]
     place[2] = place[2] / 100.0

@@ -7,7 +7,6 @@ from airswing.vocabulary import describe
 from tests.ragged import ragged
 
 NOON = np.datetime64("2008-07-15T12:00:00", "ns")
-SECOND = np.timedelta64(1, "s")
 
 
 def corrected(sizes, **columns):
@@ -17,7 +16,7 @@ def corrected(sizes, **columns):
     """
     count = sum(sizes.values())
     ds = {
-        "time": NOON + 60 * SECOND * np.arange(count),
+        "time": NOON + np.timedelta64(60, "s") * np.arange(count),
         "latitude": np.linspace(40.0, 45.0, count),
         "longitude": np.linspace(-95.0, -85.0, count),
         "pressure": np.full(count, 50000.0),

@@ -124,7 +124,6 @@ SPECIAL = [(0.0, 0.0), (0.0, -10.0), (0.0, 5.0), (-7.0, 0.0), (0.0004, -0.0004),
 SPECIAL += [(-1e-7, -20.0), (0.05, 0.0), (0.0, -0.09999)]
 component = st.floats(-100.0, 100.0, width=32)
 winds = st.tuples(component, component) | st.sampled_from(SPECIAL)
-REPORT_COLUMNS = ("latitude", "longitude", "pressure", "air_temperature")
 REPORT = st.fixed_dictionaries(
     {
         "wind": winds,
@@ -151,10 +150,10 @@ def test_every_report_is_understood(tmp_path_factory, reports, tail, platform, t
     seconds = np.array([report["seconds"] for report in reports])
     split = len(reports) // 2
     sizes = {tail: split, "N2": len(reports) - split} if split else {tail: len(reports)}
-    columns = {name: [report[name] for report in reports] for name in REPORT_COLUMNS}
-    columns["corrected_eastward_wind"], columns["corrected_northward_wind"] = zip(
-        *(report["wind"] for report in reports), strict=True
-    )
+    names = ("latitude", "longitude", "pressure", "air_temperature")
+    columns = {name: [report[name] for report in reports] for name in names}
+    for number, name in enumerate(("corrected_eastward_wind", "corrected_northward_wind")):
+        columns[name] = [report["wind"][number] for report in reports]
     ds = corrected(sizes, time=year_end + seconds * np.timedelta64(1, "s"), **columns)
     path = tmp_path_factory.mktemp("export") / "file"
     result = export(ds, to=to, path=path, settings=Handover(platform=platform))
@@ -206,9 +205,8 @@ def test_one_report_for_every_reason_to_leave_it_out(tmp_path, to):
 def test_pressure_altitude_replaces_a_missing_pressure_and_bad_temperatures_are_missing(
     tmp_path, to
 ):
-    ds = corrected(
-        {"N1": 3}, pressure=[np.nan, 40000.0, 50000.0], air_temperature=[20.0, np.inf, 258.15]
-    )
+    temperature = [20.0, np.inf, 258.15]
+    ds = corrected({"N1": 3}, pressure=[np.nan, 40000.0, 50000.0], air_temperature=temperature)
     ds["pressure_altitude"] = ("report", np.array([5574.44, 7185.4, 0.0]))
     export(ds, to=to, path=tmp_path / "f")
     table = understood(to, tmp_path / "f")
@@ -263,9 +261,8 @@ def test_ascents_and_descents_are_joined(tmp_path, to):
 )
 def test_soundings_that_the_nudging_would_ignore(tmp_path, pressure, phase, sizes):
     """nudob skips a sounding with a step over 200 hPa and does not reach beyond its ends."""
-    result = export(
-        profile(pressure, phase=phase), to="obs_domain", path=tmp_path / "f", soundings=True
-    )
+    ds = profile(pressure, phase=phase)
+    result = export(ds, to="obs_domain", path=tmp_path / "f", soundings=True)
     reports = wrf_nudging.raw((tmp_path / "f").read_text())
     assert sorted(report["meas_count"] for report in reports) == sorted(sizes)
     for report in (report for report in reports if report["meas_count"] > 1):

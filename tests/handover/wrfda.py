@@ -89,14 +89,12 @@ def _assigned(report):
     report["minutes"] = datetime.strptime(date[:16], "%Y-%m-%d_%H:%M")
     for level in report["levels"]:
         (speed, speed_qc, error), (direction, direction_qc, _) = level["speed"], level["dir"]
-        level["vertical"] = (
-            "pressure" if level["p"][0] > 1.0 else "height" if level["height"][0] > 0.0 else "none"
-        )
+        without_pressure = "height" if level["height"][0] > 0.0 else "none"
+        level["vertical"] = "pressure" if level["p"][0] > 1.0 else without_pressure
         missing = NO_DATA in (speed_qc, direction_qc)
         angle = np.radians(direction)
-        level["earth"] = (
-            (MISSING, MISSING) if missing else (-speed * np.sin(angle), -speed * np.cos(angle))
-        )
+        wind = -speed * np.sin(angle), -speed * np.cos(angle)
+        level["earth"] = (MISSING, MISSING) if missing else wind
         level["qc"] = NO_DATA if missing else speed_qc
         level["error"] = MISSING if missing else error
         level["wind_used"] = not missing and speed_qc >= 0 and level["vertical"] != "none"

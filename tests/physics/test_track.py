@@ -19,10 +19,8 @@ TENTH_MINUTE = 0.1 / 60.0
 
 def straight(latitude, longitude, azimuth, speed, seconds):
     """Fixes along one geodesic, and the azimuth at each, in degrees."""
-    size = seconds.size
-    lon, lat, back = GEOD.fwd(
-        np.full(size, longitude), np.full(size, latitude), np.full(size, azimuth), speed * seconds
-    )
+    start = (np.full(seconds.size, x) for x in (longitude, latitude, azimuth))
+    lon, lat, back = GEOD.fwd(*start, speed * seconds)
     return np.asarray(lat), np.asarray(lon), np.mod(np.asarray(back) + 180.0, 360.0)
 
 

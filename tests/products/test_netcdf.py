@@ -88,9 +88,8 @@ def test_the_phase_of_flight_and_of_the_curve_are_distinguished():
 
 def test_a_heading_rounded_to_360_is_north():
     ds = xr.Dataset({"heading": ("report", [359.9999, 359.99, np.nan, 0.0])})
-    np.testing.assert_array_equal(
-        as_stored(ds)["heading"], np.array([0.0, 359.990234375, np.nan, 0.0], dtype="f4")
-    )
+    expected = np.array([0.0, 359.990234375, np.nan, 0.0], dtype="f4")
+    np.testing.assert_array_equal(as_stored(ds)["heading"], expected)
 
 
 def test_the_reports_of_each_aircraft():

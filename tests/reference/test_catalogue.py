@@ -75,9 +75,8 @@ def test_u_without_v_is_named_and_counted(real, tmp_path):
     path = str(real("grib/uv_on_different_levels.grib"))
     catalogue = build_catalogue(path, name="x", cache_dir=tmp_path)
     assert [list(catalogue.levels(n)) for n in range(2)] == [[50000.0, 70000.0, 100000.0]] * 2
-    assert catalogue.skipped == [
-        {"file": path, "what": "level", "reason": "u without v", "count": 4}
-    ]
+    skipped = {"file": path, "what": "level", "reason": "u without v", "count": 4}
+    assert catalogue.skipped == [skipped]
     with pytest.raises(InputError, match="u without v"):
         build_catalogue(path, name="x", cache_dir=tmp_path, on_bad_file="fail")
 

@@ -289,7 +289,5 @@ def test_damaged_headers_are_named(number, offset, replacement, expected, tmp_pa
     place = offset + (section(message, number) if number else 0)
     contents = scan_file(write(tmp_path / "m.grib", bent(message, place, replacement)))
     assert not contents.fields
-    reasons = {reason for _, reason in contents.skipped}
-    assert any(
-        expected in reason or (not number and "data section" in reason) for reason in reasons
-    )
+    reasons = " ".join(reason for _, reason in contents.skipped)
+    assert expected in reasons or (not number and "data section" in reasons)

@@ -224,10 +224,8 @@ def test_points_grid_equals_the_projection_it_was_made_from():
     points = PointsGrid(lat, lon, wind_along_grid=True)
     rng = np.random.default_rng(0)
     where = frame.places(rng.uniform(-59e3, 59e3, 200), rng.uniform(-44e3, 44e3, 200))
-    for by_points, by_axes in zip(
-        points.fractional_index(*where), axes.fractional_index(*where), strict=True
-    ):
-        np.testing.assert_allclose(by_points, by_axes, atol=1e-5)
+    by_points, by_axes = (grid.fractional_index(*where) for grid in (points, axes))
+    np.testing.assert_allclose(by_points, by_axes, atol=1e-5)
     np.testing.assert_allclose(points.convergence(*where), axes.convergence(*where), atol=1e-5)
     assert not points.contains([35.0, 40.0], [-97.0, 83.0]).any()
     again = pickle.loads(pickle.dumps(points))

@@ -58,9 +58,7 @@ GRIB = {
     "average of edition 1": messages(section_1({21: 3}), edition=1),
     "spread of ECMWF, edition 1": messages(section_1({5: 98, 41: 1, 43: 18}), edition=1),
     "analysis error of ECMWF": messages(section_1({5: 98, 41: 1, 43: 13}), edition=1),
-    "monthly mean of ECMWF": messages(
-        section_1({5: 98, 41: 1, 43: 2, 44: 1071 // 256, 45: 1071 % 256}), edition=1
-    ),
+    "monthly mean of ECMWF": messages(section_1({5: 98, 41: 1, 43: 2, 44: 4, 45: 47}), edition=1),
     "spread of NCEP, edition 1": messages(section_1({5: 7, 41: 1, 44: 11}), edition=1),
 }
 STATES = {

@@ -57,9 +57,8 @@ def test_headlines(expected):
 
 def test_the_verdict_has_a_line_for_every_finding():
     closure = {"reduction": 1.2, "reduction_ci": [1.0, 1.4]}
-    first, second, third = verdict(
-        content(iron("N401", "N402", closure=closure), places=[place()])
-    ).splitlines()
+    gap = content(iron("N401", "N402", closure=closure), places=[place()])
+    first, second, third = verdict(gap).splitlines()
     assert first.startswith("Hard iron on N401 and N402 and an unexplained error by temperature")
     assert "amplitude 3.9 ± 0.4°" in second and "closes 1.20 kt (1.00 to 1.40)" in second
     parts = ("N403, N404 and N405", "closes 3.30 kt (3.00 to 3.60)", "TAS scale (22 % of")

@@ -20,9 +20,8 @@ def read(path, rows, **options):
 
 def fleet():
     """Two tails, repeated rows, minute ties, missing values: everything order could disturb."""
-    climb = flight(
-        tail="B2", seconds=[0, 0, 60, 60, 120, 180], altitude_ft=[1e3, 2e3, 3e3, 4e3, 5e3, 6e3]
-    )
+    feet = [1e3, 2e3, 3e3, 4e3, 5e3, 6e3]
+    climb = flight(tail="B2", seconds=[0, 0, 60, 60, 120, 180], altitude_ft=feet)
     level = flight(tail="A1", start="2009-01-05T23:50:00", temperature_degC=-20.0)
     fuller = level.iloc[[3]].assign(wind_speed_kt=44)
     emptier = level.iloc[[4]].assign(wind_speed_kt=np.nan)

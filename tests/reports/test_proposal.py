@@ -54,23 +54,20 @@ def levels():
     )
 
 
-def hours():
-    """Date and hour apart, as numbers without a first zero."""
-    table = european().drop(columns=["Date", "UTC"])
-    clock = (TIMES - pd.Timedelta("5h")).strftime("%H%M%S").astype(int)
-    return table.assign(T="N1", obs_date=TIMES.strftime("%Y%m%d").astype(int), obs_hour=clock)
-
-
 def test_a_date_and_an_hour_make_the_time(tmp_path):
+    """Both as numbers without a first zero."""
     (tmp_path / "letter.txt").write_text("Dear colleague,\nhere is nothing of use.\n")
     assert propose_mapping(tmp_path / "letter.txt") is None
-    hours().to_csv(tmp_path / "a.csv", index=False)
+    times = TIMES - pd.Timedelta("5h")
+    clock = {"obs_date": times.strftime("%Y%m%d"), "obs_hour": times.strftime("%H%M%S")}
+    table = european().drop(columns=["Date", "UTC"]).assign(T="N1", **clock)
+    table.astype(dict.fromkeys(clock, int)).to_csv(tmp_path / "a.csv", index=False)
     proposed = propose_mapping(tmp_path / "a.csv")
     assert proposed is not None
     assert proposed["columns"]["time"] == {"date": "obs_date", "time": "obs_hour"}
     assert proposed["unused"] == ["Remark: none", "T"]  # no temperature
     reports = read_reports(tmp_path / "a.csv", columns=proposed["columns"])
-    expected = (TIMES - pd.Timedelta("5h")).to_numpy().astype("M8[ns]")
+    expected = times.to_numpy().astype("M8[ns]")
     assert reports["time"].to_numpy().tolist() == expected.tolist()
 
 

@@ -117,10 +117,9 @@ def test_unreadable_files_are_skipped_and_counted_or_refused(tmp_path):
         read_reports(str(tmp_path / "*.csv"), on_bad_file="fail")
     with pytest.raises(InputError, match=r"none of the 2 report files.*bad\.csv"):
         read_reports([tmp_path / "bad.csv", tmp_path / "short.csv"])
+    mapping = {"wind_speed_kt": {"name": "wind_speed_kt", "unit": "hPa"}}
     with pytest.raises(InputError, match="hPa"):  # a bad mapping is no fault of the files
-        read_reports(
-            tmp_path / "a.csv", columns={"wind_speed_kt": {"name": "wind_speed_kt", "unit": "hPa"}}
-        )
+        read_reports(tmp_path / "a.csv", columns=mapping)
     with pytest.raises(InputError, match="auto, bufr, g1000"):
         read_reports(tmp_path / "a.csv", format="excel")
 

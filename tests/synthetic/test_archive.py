@@ -8,16 +8,13 @@ import pandas as pd
 import pytest
 import yaml
 from tests.compass.flown import wrap
+from tests.gap.toy import EXACT
 
 from airswing.config_file import load_config
 from airswing.synthetic import simulate_arrays, write_archive
-from airswing.synthetic.observe import Coding
 from airswing.synthetic.quickstart import write_quickstart
 from airswing.synthetic.truth import fleet_deviations
 
-EXACT = Coding(
-    direction_deg=1e-7, speed_kt=1e-7, position_arcmin=1e-6, airspeed_noise=0.0, heading_noise=0.0
-)
 SMALL = {"days": 2, "aircraft": 3, "seed": 5}
 MONTH = {"days": 8, "aircraft": 5, "seed": 4, "columns": 30, "rows": 23, "spacing_km": 62.0}
 
@@ -114,19 +111,19 @@ def test_the_command_writes_the_committed_files(root, tmp_path):
     sample = root / "data_samples"
     assert sum(path.stat().st_size for path in sample.rglob("*") if path.is_file()) < 8_000_000
     written = write_quickstart(tmp_path)
-    names = {path.relative_to(sample) for path in sample.rglob("*") if path.is_file()}
-    assert names - {Path("README.md")} == {
-        path.relative_to(written) for path in written.rglob("*") if path.is_file()
-    }
+    names, rewritten_names = (
+        {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+        for folder in (sample, written)
+    )
+    assert names - {Path("README.md")} == rewritten_names
     for folder in ("reports", "field_test"):
         for path in sorted((sample / folder).glob("*.csv")):
             committed, rewritten = pd.read_csv(path), pd.read_csv(written / folder / path.name)
             assert len(committed) == len(rewritten)
             for column in ("time", "flight", "wind_speed_kt", "wind_direction_deg"):
                 assert (committed[column] == rewritten[column]).mean() > 0.999
-    committed, rewritten = (
-        json.loads((folder / "truth" / "truth.json").read_text()) for folder in (sample, written)
-    )
+    truths = (folder / "truth" / "truth.json" for folder in (sample, written))
+    committed, rewritten = (json.loads(path.read_text()) for path in truths)
     assert committed["effects"] == rewritten["effects"]
     for tail, values in committed["aircraft"].items():
         for name, value in values["deviation"].items():

@@ -6,15 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.compass.flown import wrap
+from tests.gap.toy import EXACT
 
 from airswing.errors import InputError
 from airswing.synthetic import simulate_arrays
 from airswing.synthetic.instrument import UNIT_FAULTS, parse_faults
-from airswing.synthetic.observe import Coding
 
-FINE = Coding(
-    direction_deg=1e-5, speed_kt=1e-5, position_arcmin=1e-4, airspeed_noise=0.0, heading_noise=0.0
-)
 SIZES = {"offset_deg": 1.0, "amplitude_deg": 4.0, "phase_deg": 50.0, "offset_m_s": 1.0}
 SIZES |= {"rate_deg_per_day": 0.5, "scale_percent": 2.0, "fraction": 0.2, "epoch_year": 1995.0}
 FAULTS = dict.fromkeys(UNIT_FAULTS, SIZES)
@@ -38,7 +35,7 @@ def archives():
     swap = {"name": "tail_swap", "tails": PAIR, "period": ["2009-03-01T18", None]}
     faults = FAULTS.items()
     effects = [{"name": n, "tails": [TAILS[n]], "parameters": values} for n, values in faults]
-    common = {"days": 1, "aircraft": len(FAULTS) + 2, "seed": 3, "coding": FINE}
+    common = {"days": 1, "aircraft": len(FAULTS) + 2, "seed": 3, "coding": EXACT}
     common |= {"references": ("ruc",), "columns": 20, "rows": 16, "spacing_km": 85.0}
     common |= {"levels": (950, 700, 500, 350)}
     return [simulate_arrays(effects=active, **common) for active in ([], [*effects, swap])]
@@ -86,9 +83,8 @@ def test_acceleration_and_turn_follow_their_stated_scale(of):
         magnetic, steep = sound["true_heading"] - sound["declination"], np.tan(sound["dip"])
         pull = np.sin(magnetic) * sound["acceleration"] / 9.80665
         expected = 10 * steep * (pull if name[0] == "a" else np.cos(magnetic) * sound["bank"])
-        np.testing.assert_allclose(
-            heading_error(faulty), expected, rtol=0.12 if name[0] == "t" else 0, atol=tolerance
-        )
+        relative = 0.12 if name == "turn_error" else 0.0
+        np.testing.assert_allclose(heading_error(faulty), expected, rtol=relative, atol=tolerance)
         assert np.abs(expected).max() > 0.5
 
 

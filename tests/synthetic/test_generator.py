@@ -56,9 +56,8 @@ TAILS = [f"N{401 + k}" for k in range(6)]
 def test_every_unit_errs_by_its_stated_coefficients_at_the_field_it_flies_in():
     """Aircraft fly where the field is weaker or stronger than the fleet's, by several per cent."""
     effects = fleet_deviations(TAILS, 7)
-    frame = simulate_arrays(
-        coding=Coding(heading_noise=0.0), days=6, aircraft=6, seed=7, effects=effects
-    )
+    options = {"days": 6, "aircraft": 6, "seed": 7, "coding": Coding(heading_noise=0.0)}
+    frame = simulate_arrays(**options, effects=effects)
     faults = parse_faults(effects, start=START, tails=TAILS)
     truth = truth_record(frame, faults, TAILS, effects)["aircraft"]
     for tail in TAILS:

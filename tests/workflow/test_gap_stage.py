@@ -64,9 +64,8 @@ def test_known_effects_are_not_reported_again_and_headings_are_reused(
         assert np.isfinite(headings[name].to_numpy()[reached]).mean() > 0.9, name
     (known_entry,) = content["known"]
     assert known_entry["disagreement_without_kt"] > known_entry["disagreement_with_kt"] + 0.2
-    assert content["gap"]["mean_vector_disagreement_kt"] == pytest.approx(
-        known_entry["disagreement_with_kt"], abs=0.05
-    )
+    expected = pytest.approx(known_entry["disagreement_with_kt"], abs=0.05)
+    assert content["gap"]["mean_vector_disagreement_kt"] == expected
     assert "1 known effect of" in done.stdout
     assert "1 known effect of" in (tmp_path / "out" / "gap" / "index.html").read_text()
     all_effects = read_effects(tmp_path / "out" / "effects.yaml")
@@ -115,10 +114,8 @@ def test_a_simulation_on_other_paths_is_compared_by_its_effects(
     start = begin(job, archive_frame, simulated=f"{folder}/*.csv")
     assert asked[0].config.reports.files == [f"{folder}/*.csv"]
     assert asked[0].output.parent == job.output
-    assert [(effect.name, effect.tails) for effect in start.removed] == [
-        ("hard_iron", ("N401",)),
-        ("tas_offset", None),
-    ]
+    removed = [(effect.name, effect.tails) for effect in start.removed]
+    assert removed == [("hard_iron", ("N401",)), ("tas_offset", None)]
     entry = start.simulation
     assert entry.matched == 0 and entry.matched_by == "distribution"
     assert entry.aircraft_in_both == [f"N{k}" for k in range(401, 406)]
@@ -158,10 +155,7 @@ def test_simulated_reports_use_the_column_names_of_the_archive(archive, frame, t
     (tmp_path / "renamed.csv").write_text(renamed)
     reports = job.config.reports.model_copy(update={"columns": {"spd": "wind_speed_kt"}})
     config = job.config.model_copy(update={"reports": reports})
-    job = replace(job, config=config)
-    start = begin(
-        job,
-        archive_frame.take(archive_frame.aircraft_mask("N401")),
-        simulated=str(tmp_path / "renamed.csv"),
-    )
+    of_aircraft = archive_frame.take(archive_frame.aircraft_mask("N401"))
+    simulated = str(tmp_path / "renamed.csv")
+    start = begin(replace(job, config=config), of_aircraft, simulated=simulated)
     assert np.abs(start.frame.residual).max() < 1e-6

@@ -251,9 +251,8 @@ def test_the_improvement_is_that_of_the_winds():
 @pytest.mark.parametrize("kind", ["half", "twice", "opposite"])
 def test_winds_that_contradict_the_reference_have_no_table(kind):
     """Half is m/s read as kt, twice kt read as m/s, opposite a direction toward."""
-    setting = Setting(
-        aircraft=3, days=30, wind_factor={"half": 0.5144, "twice": 1.944, "opposite": -1.0}[kind]
-    )
+    factor = {"half": 0.5144, "twice": 1.944, "opposite": -1.0}[kind]
+    setting = Setting(aircraft=3, days=30, wind_factor=factor)
     headings, _ = fly([[1.0, 3.0, -2.0, 0.0, 0.0]] * 3, setting, 6)
     fits = add_tables(fit_deviation(headings), headings)
     assert not published(fits["status"]).any()

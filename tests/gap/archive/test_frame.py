@@ -51,9 +51,8 @@ def test_values_are_si_and_radians(archive):
     assert frame.time[0] == archive.time.values[0].astype(np.int64) / 1e9
     assert frame.epoch == frame.time.min()
     assert frame.reference_field == np.median(archive.horizontal_field)
-    np.testing.assert_array_equal(
-        np.array(frame.tails)[frame.aircraft], np.repeat(TAILS, archive.row_size.values)
-    )
+    names = np.array(frame.tails)[frame.aircraft]
+    np.testing.assert_array_equal(names, np.repeat(TAILS, archive.row_size.values))
 
 
 def test_longitudes_are_continuous_across_the_antimeridian(archive):
@@ -62,10 +61,9 @@ def test_longitudes_are_continuous_across_the_antimeridian(archive):
     turn = 180.0 - float(archive.longitude.mean())
     shifted["longitude"].values[:] = np.mod(archive.longitude + turn + 180.0, 360.0) - 180.0
     assert shifted.longitude.min() < -90 < 90 < shifted.longitude.max()
-    base, there = (Frame.from_headings(ds, reference="ruc") for ds in (archive, shifted))
-    np.testing.assert_allclose(
-        there.longitude - there.longitude.mean(), base.longitude - base.longitude.mean(), atol=1e-9
-    )
+    frames = (Frame.from_headings(ds, reference="ruc") for ds in (archive, shifted))
+    base, there = (frame.longitude - frame.longitude.mean() for frame in frames)
+    np.testing.assert_allclose(there, base, atol=1e-9)
     west = shifted.assign(longitude=-abs(shifted.longitude))
     assert Frame.from_headings(west, reference="ruc", meridian=179.0).longitude.min() > 180.0
 
@@ -110,10 +108,8 @@ def test_errors_for_no_report_and_unknown_reference(archive):
 
 
 def test_absent_variables_are_unknown_not_zero(archive):
-    frame = Frame.from_headings(
-        archive.drop_vars(["icing", "bank", "air_temperature", "wind_speed_resolution"]),
-        reference="ruc",
-    )
+    names = ["icing", "bank", "air_temperature", "wind_speed_resolution"]
+    frame = Frame.from_headings(archive.drop_vars(names), reference="ruc")
     assert set(frame.icing) == {-1}
     assert np.isnan(frame.bank).all()
     assert np.isnan(frame.temperature).all()
@@ -182,12 +178,8 @@ def test_acceleration_is_the_fleets_profile_and_not_the_reports_noise():
     rng = np.random.default_rng(2)
     phase = np.tile(np.repeat([1, 2, 3], 20), 400)
     flight = np.repeat(np.arange(400), 60)
-    level = np.tile(
-        np.concatenate(
-            [np.linspace(11.5, 10.6, 20), np.full(20, 10.6), np.linspace(10.6, 11.5, 20)]
-        ),
-        400,
-    )
+    climb = np.linspace(11.5, 10.6, 20)
+    level = np.tile(np.concatenate([climb, np.full(20, 10.6), climb[::-1]]), 400)
     true = np.choose(phase, [0.0, 0.06 - 0.02 * (11.5 - level), 0.0, -0.05])
     estimate = expected_acceleration(true + rng.normal(0, 0.05, phase.size), level, phase, flight)
     steady = phase != 2
@@ -329,9 +321,8 @@ def test_simulated_winds_have_the_steps_found(exact, true_north):
     steps = np.degrees(heading - north)[affected] / 15.0
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
     without_steps = Coding.of_archive(frame).apply(exact.u_rep, exact.v_rep)
-    np.testing.assert_allclose(
-        np.stack([u, v])[:, ~affected], np.stack(without_steps)[:, ~affected], atol=1e-9
-    )
+    for component, expected in zip((u, v), without_steps, strict=True):
+        np.testing.assert_allclose(component[~affected], expected[~affected], atol=1e-9)
 
 
 def test_jumps_between_steps_are_no_gross_errors_and_no_scatter(exact):

@@ -54,9 +54,8 @@ def test_errors_are_functions_of_the_indicated_heading(archive):
     error = np.angle(np.exp(1j * (sent.heading - true)))
     m = sent.heading - archive.declination
     growth = archive.reference_field / archive.horizontal_field
-    expected = (
-        8.0 * growth * np.sin(m + np.radians(30.0)) + 3.0 * np.sin(2 * m - np.radians(70.0)) + 1.0
-    )
+    expected = 1.0 + 8.0 * growth * np.sin(m + np.radians(30.0))
+    expected += 3.0 * np.sin(2 * m - np.radians(70.0))
     np.testing.assert_allclose(np.degrees(error), expected, atol=1e-8)
     np.testing.assert_allclose(np.cos(sent.magnetic_heading - m), 1.0)
     speed = np.hypot(archive.ground_u - archive.u_ref, archive.ground_v - archive.v_ref)
@@ -100,11 +99,8 @@ def test_wind_is_coded_in_steps(archive):
     direction = np.degrees(np.arctan2(-sent.u_rep, -sent.v_rep))
     np.testing.assert_allclose(speed, np.round(speed), atol=1e-9)
     np.testing.assert_allclose(direction, np.round(direction), atol=1e-8)
-    unknown = replace(
-        archive,
-        wind_speed_resolution=np.full(3, np.nan),
-        wind_direction_resolution=np.full(3, np.nan),
-    )
+    names = ("wind_speed_resolution", "wind_direction_resolution")
+    unknown = replace(archive, **dict.fromkeys(names, np.full(3, np.nan)))
     uncoded = simulate(unknown, coding=Coding.of_archive(unknown))
     np.testing.assert_allclose(uncoded.u_rep, archive.u_ref, atol=1e-9)
 
@@ -229,11 +225,10 @@ def test_simulated_effects_are_removed_to_rounding(name):
 
 def test_exchanged_identifiers_are_exchanged_back():
     perfect = frames.frame()
-    swap = ActiveEffect(
-        "tail_swap", {"pair": ["N401", "N402"]}, ("N401", "N402"), (START + 9 * 86400.0, None)
-    )
+    pair, date = ["N401", "N402"], START + 9 * 86400.0
+    swap = ActiveEffect("tail_swap", {"pair": pair}, tuple(pair), (date, None))
     removed = remove_effects(perfect, [swap])
-    late = perfect.time >= START + 9 * 86400.0
+    late = perfect.time >= date
     exchanged = np.array([1, 0, 2])[perfect.aircraft]
     assert (removed.aircraft == np.where(late, exchanged, perfect.aircraft)).all()
     assert removed.u_rep == pytest.approx(perfect.u_rep, abs=1e-12)
@@ -277,8 +272,8 @@ def test_errors_for_files_without_known_effects(tmp_path):
         read_known(tmp_path / "nothing.yaml", reference="ruc")
     with pytest.raises(InputError, match=r"no fit against the gap's reference.*fitted were ruc"):
         effects_of_fits(fits(), reference="rtfdaa", file=tmp_path / "fits.nc")
-    other = xr.Dataset({"latitude": ("report", [1.0])})
-    write_product(other, tmp_path / "other.nc", title="x")
+    unrelated = xr.Dataset({"latitude": ("report", [1.0])})
+    write_product(unrelated, tmp_path / "other.nc", title="x")
     with pytest.raises(InputError, match="holds no fitted deviations"):
         read_known(tmp_path / "other.nc", reference="ruc")
     unknown = [ActiveEffect("hard_iron", {"amplitude_deg": 1.0}, ("N999",))]

@@ -134,6 +134,5 @@ def test_wkt_alone_and_a_string_in_the_configuration():
         del bare[name].attrs["grid_mapping"]
     text = "+proj=lcc +lat_1=30 +lat_2=60 +lat_0=38.5 +lon_0=-97.5 +x_0=100000 +R=6371229"
     configured = airswing.build_catalogue(bare, name="x", naming={"projection": text})
-    np.testing.assert_allclose(
-        winds(airswing.collocate(reports, {"x": configured})), expected, atol=1e-6
-    )
+    result = winds(airswing.collocate(reports, {"x": configured}))
+    np.testing.assert_allclose(result, expected, atol=1e-6)

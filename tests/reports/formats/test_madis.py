@@ -64,9 +64,8 @@ def test_the_real_file_agrees_with_an_independent_reading(real):
         "pressure_altitude": level,
         "pressure": pressure,
     }.items():
-        np.testing.assert_allclose(
-            ds[name].to_numpy()[matched], wanted[index], rtol=1e-5, atol=1e-4, err_msg=name
-        )
+        read, close = ds[name].to_numpy()[matched], {"rtol": 1e-5, "atol": 1e-4}
+        np.testing.assert_allclose(read, wanted[index], **close, err_msg=name)
 
 
 def write_madis(path, **variables):
