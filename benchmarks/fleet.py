@@ -92,10 +92,10 @@ def one_size(aircraft, days, reports):
     parts = []
     truth, summed = [], 0.0
     for number in range(0, aircraft, TOGETHER):
-        headings = fleet(min(TOGETHER, aircraft - number), number, days, per_flight)
-        truth.append(headings[1])
+        headings, deviation = fleet(min(TOGETHER, aircraft - number), number, days, per_flight)
+        truth.append(deviation)
         began = time.process_time()
-        parts.append(sum_aircraft(headings[0]))
+        parts.append(sum_aircraft(headings))
         summed += time.process_time() - began
         del headings
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
