@@ -227,14 +227,26 @@ def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tu
     recursion and its adjoint, which runs backward along the flight. Errors (n, 2) and precision
     (n,), the inverse variance as mean over directions, are 0 at masked reports.
     """
-    white = whiten(values, order, gains)
-    score, precision = np.zeros_like(white), np.zeros(values.shape[0])
-    adjoint: Floats = np.zeros((0, values.shape[1]))
+    score, precision = weighted_scores(whiten(values, order, gains), order, gains)
+    valid = (precision > 0) & (gains.weight > 0)
+    errors = np.divide(score, precision[:, None], out=np.zeros_like(score), where=valid[:, None])
+    if gains.direction is not None:
+        errors = np.asarray(gains.direction.inverse.scale_reports(errors))
+    return errors, np.where(valid, precision, 0.0)
+
+
+def weighted_scores(white: Floats, order: FlightOrder, gains: Gains) -> tuple[Floats, Floats]:
+    """Adjoint of the whitening of values (n, 2), without its direction factors.
+
+    Returns the scores (n, 2) and the diagonal of the inverse covariance, (n,).
+    """
+    score, precision = np.zeros_like(white), np.zeros(white.shape[0])
+    adjoint: Floats = np.zeros((0, white.shape[1]))
     adjoint_weight: Floats = np.zeros(0)
     blocks = [order.index[a:b] for a, b in zip(order.starts[:-1], order.starts[1:], strict=True)]
     for now, after in zip(blocks[::-1], [np.zeros(0, np.int64), *blocks[:0:-1]], strict=True):
         decay = gains.decay[after]
-        state, information = np.zeros((now.size, values.shape[1])), np.zeros(now.size)
+        state, information = np.zeros((now.size, white.shape[1])), np.zeros(now.size)
         state[: after.size] = decay[:, None] * adjoint
         information[: after.size] = decay**2 * adjoint_weight
         weight, gain = gains.weight[now], gains.gain[now]
@@ -243,13 +255,7 @@ def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tu
         precision[now] = weight**2 + gain**2 * information
         adjoint = (1 - gain)[:, None] * state - weighted
         adjoint_weight = weight**2 + (1 - gain) ** 2 * information
-    score *= gains.scale[:, None]
-    precision *= gains.scale**2
-    valid = (precision > 0) & (gains.weight > 0)
-    errors = np.divide(score, precision[:, None], out=np.zeros_like(score), where=valid[:, None])
-    if gains.direction is not None:
-        errors = np.asarray(gains.direction.inverse.scale_reports(errors))
-    return errors, np.where(valid, precision, 0.0)
+    return score * gains.scale[:, None], precision * gains.scale**2
 
 
 @dataclass(frozen=True)

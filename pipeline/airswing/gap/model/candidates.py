@@ -56,8 +56,8 @@ INNER = (0.005, 0.995)
 DRAWS, LEVELS = 16, 8
 #: Every how many-th report the size of a candidate is measured on.
 SAMPLED = 7
-#: Knots of the second variable in a product with a fitted curve.
-PAIRED = 5
+#: Variables that depend on the reported wind.
+OF_WIND = {"wind_direction", "wind_speed"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Group:
     """A candidate: columns with a common prior."""
 
     name: str  # effect of the catalogue, or ``variable|component`` of a table
-    kind: str  # ``name``, ``table``, ``nuisance``, ``probe``
+    kind: str  # ``name``, ``table``, ``nuisance``
     columns: slice  # raw columns
     transform: Floats  # (k, m): T of the module
     scopes: str  # ``a``: separate coefficients for each aircraft, ``f``: the same for all
@@ -218,12 +218,12 @@ class Candidates:
         self._add_names()
         if tables:
             self._drawn = self._likely_winds()
-            weight = -float(np.log(2 * len(self.variables) * len(COMPONENTS)))
+            self.table_prior = -float(np.log(2 * len(self.variables) * len(COMPONENTS)))
             for name in self.variables:
                 curve = self.curve(name)
                 if curve.knots.size > 1 or name == "magnetic_heading":
                     for component in COMPONENTS:
-                        self.add_table(Table((curve,), component), weight)
+                        self.add_table(Table((curve,), component), self.table_prior)
 
     # ------------------------------------------------------------------------------------ columns
     def _block(self, build: Callable[[Frame], Singles], columns: Singles) -> slice:
@@ -419,14 +419,13 @@ class Candidates:
             for dated in (False, True):
                 self._group(columns, replace(simple, dated=dated), range(size))
 
-    def add_product(self, table: Group, curve: Floats, name: str) -> Group | None:
-        """Add products of a table's fitted curve with functions of another variable."""
-        columns = self.raw(table.columns) @ curve.astype(np.float32)
-        functions = self.curve(name, PAIRED).functions(self.variables[name].values)
-        products = np.asarray(columns[:, :, None] * functions[:, None, :], np.float32)
-        where, unit = self._block(lambda at: products, products), np.eye(products.shape[2])
-        group = Group(f"{table.name} x {name}", "probe", where, unit, "af", 0.0)
-        return self._group(products, group)
+    def functions(self, curve: Curve) -> Floats:
+        """Functions of a variable at the reports, (n, k), averaged over the likely winds."""
+        name = curve.variable
+        if name not in OF_WIND:
+            return curve.functions(self.variables[name].values)
+        drawn = (values_of(self._reported(k), self.context, name) for k in range(DRAWS))
+        return np.asarray(sum(curve.functions(values) for values in drawn)) / DRAWS
 
     def forget(self, groups: Sequence[Group]) -> None:
         """Remove groups; the last columns built are free again where they are theirs."""
@@ -443,7 +442,7 @@ class Candidates:
 
 def of_wind(table: Table) -> bool:
     """Whether a table depends on the reported wind."""
-    return bool({"wind_direction", "wind_speed"} & {curve.variable for curve in table.curves})
+    return bool(OF_WIND & {curve.variable for curve in table.curves})
 
 
 def unit_size(columns: Singles, transform: Floats) -> Floats | None:

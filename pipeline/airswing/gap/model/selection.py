@@ -17,6 +17,7 @@ from airswing.gap.archive.reported_variables import KINDS, KNOTS
 from airswing.gap.arrays import Floats
 from airswing.gap.model.candidates import Group, Table
 from airswing.gap.model.evidence import SMALL, dated_evidence, static_evidence
+from airswing.gap.model.pairs import FINE, add_pairs, pair_curve
 from airswing.gap.model.sums import GATE
 from airswing.gap.model.terms import Model, Statistics, Term, describe, log_evidence, set_prior
 
@@ -42,8 +43,6 @@ LEVERS = {
     "along_wind": "wind_factor",
 }
 FINER = (2, 4)
-#: Cells of each variable in a table of two.
-PAIRED = 7
 #: Log evidence of a table from which a second variable is sought.
 REFINED_FROM = 30.0
 
@@ -55,7 +54,7 @@ def screen(model: Model, groups: Sequence[Group] | None = None) -> list[Term]:
     """
     out: list[Term] = []
     for group in model.sums.candidates.groups if groups is None else groups:
-        if group.kind in ("nuisance", "probe"):
+        if group.kind == "nuisance":
             continue
         stats = model.statistics(group)
         if group.dated:
@@ -344,7 +343,9 @@ def search(
         terms = revisit(model, terms, 1)
     seen: set[frozenset[tuple[object, ...]]] = set()
     for _ in range(MAX_TERMS):
+        pairs = add_pairs(model)
         ranking = contest(model, terms, screen(model))
+        model.sums.candidates.forget([g for g in pairs if not ranking or g is not ranking[0].group])
         if not ranking:
             break
         LOG.debug("+ %s", describe(ranking[0]))
@@ -383,12 +384,16 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
         for term in list(terms):
             rest = [t for t in terms if t is not term]
             model.condition(rest)
+            pairs = add_pairs(model) if len(term.group.variables) == 2 else []
             ranked = screen(model)
             if term.group.refined:
                 # it stays a candidate for its place where its screening score misses the gate
                 score = _rescored(model, rest, term).score
-                ranked.append(replace(term, score=score, gate=score / model.kappa))
+                ranked.insert(0, replace(term, score=score, gate=score / model.kappa))
             ranking = contest(model, rest, ranked)
+            model.sums.candidates.forget(
+                [g for g in pairs if not ranking or g is not ranking[0].group]
+            )
             if not ranking:
                 LOG.debug("- %s", describe(term))
                 terms, changed = rest, True
@@ -410,71 +415,25 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
 # ------------------------------------------------------------------------------------- refinement
 def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
     """Terms, on which the model is conditioned, with one of their tables refined."""
-    if term.group.named or term.group.dated or term.group.refined or term.score < REFINED_FROM:
+    component = term.group.component
+    unrefined = component in LEVERS and not (term.group.named or term.group.dated)
+    if not unrefined or term.score < REFINED_FROM:
         return terms
     candidates = model.sums.candidates
-    (name,) = term.group.variables
-    component = term.group.component
-    usual = candidates.table_of(term.group).curves[0]
-    options = [Table((usual,), LEVERS[component])]
-    if KINDS[name][0] != "category":
-        for finer in FINER:
-            fine = candidates.curve(name, finer * KNOTS[name])
-            options += [Table((fine,), component), Table((fine,), LEVERS[component])]
+    curves = candidates.table_of(term.group).curves
+    name = curves[0].variable
+    finer = [curves]
+    if len(curves) == 2:
+        finer.append(tuple(pair_curve(candidates, c.variable, FINE) for c in curves))
+    elif KINDS[name][0] != "category":
+        finer += [(candidates.curve(name, times * KNOTS[name]),) for times in FINER]
+    options = [Table(c, lever) for c in finer for lever in (component, LEVERS[component])][1:]
     best = _best_table(model, terms, term, options, float(np.log(1 + len(options))))
     if best is not term:
         LOG.debug("~ %s -> %s", describe(term), describe(best))
         terms = [best if t is term else t for t in terms]
         model.condition(terms)
-    second = _second_variable(model, best)
-    if second is not None:
-        # alone, the first variable may have won against one that it depends on
-        rivals = [rival.partition("|") for _, rival, _ in term.rivals]
-        firsts = [v for v, _, c in rivals if c == component and v in candidates.variables]
-        curve_of = {
-            v: candidates.curve(v, PAIRED + (KINDS[v][0] == "circular"))
-            for v in (name, *firsts, second)
-        }
-        weight = float(np.log(len(candidates.variables)))
-        tables = [
-            Table((curve_of[v], curve_of[second]), best.group.component)
-            for v in dict.fromkeys((name, *firsts))
-            if v != second
-        ]
-        pair = _best_table(model, terms, best, tables, weight)
-        if pair is not best:
-            LOG.debug("~ %s -> %s", describe(best), describe(pair))
-            terms = [pair if t is best else t for t in terms]
-    model.condition(terms)
     return terms
-
-
-def _second_variable(model: Model, term: Term) -> str | None:
-    """Variable with whose functions the fitted curve has the largest evidence as a product."""
-    candidates = model.sums.candidates
-    k = next(i for i, t in enumerate(model.terms) if t is term)
-    theta = model.theta[model.offsets[k + 1] : model.offsets[k + 2]]
-    # the curve that all aircraft of the term have in common
-    curve = term.group.transform @ theta.reshape(-1, term.group.size).mean(axis=0)
-    probes: list[tuple[str, Group]] = []
-    for name in candidates.variables:
-        if name == term.group.variables[0]:
-            continue
-        group = candidates.add_product(term.group, curve, name)
-        if group is not None:
-            probes.append((name, group))
-    model.sums.extend()
-    model.condition(model.terms)
-    best, variable = GATE, None
-    number = np.log(2 * max(len(probes), 1))
-    for name, group in probes:
-        statistics = model.statistics(group)
-        factor = max(model.kappa, statistics.mean_factor)
-        evidence = static_evidence(statistics, factor, term.scope)[term.scope].evidence - number
-        if evidence > best:
-            best, variable = evidence, name
-    candidates.forget([group for _, group in probes])
-    return variable
 
 
 def _best_table(

@@ -1,0 +1,155 @@
+"""Pairs of variables of which an error may be a function: a screen of all pairs by their scores.
+
+For functions f and g of two variables and the unit change e of a component, the score of their
+product in a period is the sum of f g e' V^-1 r over its reports. With all functions of all
+variables these are products of two matrices, so that every pair costs little; the most likely pairs
+become tables whose evidence is computed like that of all others.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from airswing.gap.archive.reported_variables import KINDS
+from airswing.gap.arrays import Floats
+from airswing.gap.effects.empirical import change_of
+from airswing.gap.model.candidates import COMPONENTS, Candidates, Curve, Group, Table
+from airswing.gap.model.evidence import SHARES
+from airswing.gap.model.sums import GATE
+from airswing.gap.model.terms import Model
+from airswing.gap.noise import weighted_scores
+
+#: Knots of each variable in the functions that are screened, in tables that enter the contest and
+#: in the final ones; a circular variable has one more.
+SCREENED, COARSE, FINE = 7, 4, 7
+#: Pairs that become tables.
+PAIRS = 20
+
+
+def pair_curve(candidates: Candidates, name: str, knots: int) -> Curve:
+    """Curve of a variable in a table of two."""
+    return candidates.curve(name, knots + (KINDS[name][0] == "circular"))
+
+
+def add_pairs(model: Model) -> list[Group]:
+    """Add tables of the most likely pairs, given the terms in the model, to the candidates."""
+    candidates = model.sums.candidates
+    if not candidates.tables:
+        return []
+    prior = candidates.table_prior - float(np.log(len(candidates.variables)))
+    out = []
+    for evidence, first, second, component in _ranked(model)[:PAIRS]:
+        if evidence + prior < GATE:
+            break
+        curves = (pair_curve(candidates, name, COARSE) for name in (first, second))
+        group = candidates.add_table(Table(tuple(curves), component), prior, refined=True)
+        if group is not None:
+            out.append(group)
+    if out:
+        model.sums.extend()
+        model.condition(model.terms)
+    return out
+
+
+def _ranked(model: Model) -> list[tuple[float, str, str, str]]:
+    """Pairs with a component, and their approximate log evidence, largest first."""
+    candidates = model.sums.candidates
+    functions = {
+        name: _contrasts(candidates, pair_curve(candidates, name, SCREENED))
+        for name in candidates.variables
+    }
+    stops = np.cumsum([f.shape[1] for f in functions.values()])
+    columns = {
+        name: slice(stop - f.shape[1], stop)
+        for (name, f), stop in zip(functions.items(), stops, strict=True)
+    }
+    gain = _evidence(model, np.concatenate(list(functions.values()), axis=1))
+    out = []
+    for first, second in itertools.combinations(functions, 2):
+        block = gain[:, :, columns[first], columns[second]]  # (components, aircraft + 1)
+        total = (block - 1.0).sum(axis=(2, 3))
+        by_share = np.logaddexp(
+            np.log1p(-SHARES)[:, None], np.log(SHARES)[:, None] + total[:, None, 1:]
+        ).sum(axis=2)
+        some = np.logaddexp.reduce(by_share, axis=1) - np.log(SHARES.size)
+        for component, evidence in zip(COMPONENTS, np.maximum(total[:, 0], some), strict=True):
+            out.append((float(evidence), first, second, component))
+    return sorted(out, reverse=True)
+
+
+def _contrasts(candidates: Candidates, curve: Curve) -> Floats:
+    """Orthonormal functions (n, k) of a variable that are zero on average and where it is unknown.
+
+    The first cycle of a circular variable, linear and quadratic functions of the rank of a linear
+    one, differences between categories.
+    """
+    number = np.arange(curve.knots.size)
+    shapes = {
+        "circular": [
+            np.sin(2 * np.pi * number / number.size),
+            np.cos(2 * np.pi * number / number.size),
+        ],
+        "linear": [number, number**2],
+        "category": list(np.eye(number.size)[1:]),
+    }[KINDS[curve.variable][0]]
+    values = candidates.functions(curve)
+    known = values.sum(axis=1)
+    design = np.stack([known, *(values @ shape for shape in shapes)], -1)
+    basis = np.linalg.qr(design)[0][:, 1:]
+    return np.asarray(basis * np.sqrt(len(basis)), np.float64)
+
+
+def _evidence(model: Model, functions: Floats) -> Floats:
+    """Log evidence of products of functions (n, k), (components, aircraft + 1, k, k).
+
+    The first is that of all aircraft together. With scores s_t of T periods that scatter about
+    their share of the sum, it is that of a Gaussian mean with unknown variance.
+    """
+    sums, candidates = model.sums, model.sums.candidates
+    white = np.empty((sums.n, 2))
+    white[sums.order] = model.inverse_residual.reshape(sums.n, 2)
+    score, _ = weighted_scores(white, sums.noise.order, sums.noise.gains)
+    if sums.noise.gains.direction is not None:
+        score = sums.noise.gains.direction.scale_reports(score)
+    at, wind = candidates.context, candidates.wind
+    scores = np.stack(
+        [
+            (
+                score
+                * change_of(c, heading=at.heading, airspeed=at.airspeed, u=wind[:, 0], v=wind[:, 1])
+            ).sum(axis=1)
+            for c in COMPONENTS
+        ]
+    )[:, sums.order]
+    functions = functions[sums.order]
+    k = functions.shape[1]
+    fleet = np.zeros((sums.T, len(COMPONENTS), k, k))
+    count = np.zeros((sums.A, sums.T))
+    out = np.zeros((len(COMPONENTS), sums.A + 1, k, k))
+    for a, cells in itertools.groupby(sums.cells, key=lambda cell: cell[0]):
+        own = np.zeros_like(fleet)
+        for _, d, span in cells:
+            rows = slice(span.start // 2, span.stop // 2)
+            f, t = functions[rows], sums.stretch[d]
+            count[a, t] += len(f)
+            for c, s in enumerate(scores[:, rows]):
+                own[t, c] += (f * s[:, None]).T @ f
+        fleet += own
+        out[:, a + 1] = _mean_evidence(own, count[a])
+    out[:, 0] = _mean_evidence(fleet, count.sum(axis=0))
+    return out
+
+
+def _mean_evidence(scores: Floats, count: Floats) -> Floats:
+    """Log evidence of sums of scores (T, ...) of periods with numbers of reports (T,)."""
+    flown = count > 0
+    number = int(flown.sum())
+    if number < 3:
+        return np.zeros(scores.shape[1:])
+    share = (count[flown] / count.sum()).reshape(-1, *[1] * (scores.ndim - 1))
+    total = scores.sum(axis=0)
+    scatter = ((scores[flown] - share * total) ** 2).sum(axis=0) * number / (number - 1)
+    ratio = total**2 / np.maximum(scatter, 1e-30)
+    return np.asarray(0.5 * number * np.log1p(ratio / (number - 1)))
