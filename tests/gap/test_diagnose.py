@@ -34,7 +34,15 @@ def archive(*effects, seed=5, aircraft=6, days=12):
 @pytest.fixture
 def few_variables(monkeypatch):
     """Tables over a third of the variables, the rivals of the effect among them, for their time."""
-    names = {"magnetic_heading", "airspeed", "altitude", "date", "hour", "wind_direction"}
+    names = {
+        "magnetic_heading",
+        "airspeed",
+        "altitude",
+        "date",
+        "hour",
+        "wind_direction",
+        "latitude",
+    }
     for name in {*KINDS} - names:
         monkeypatch.delitem(KINDS, name)
 
@@ -77,6 +85,28 @@ def test_one_cycle_on_two_aircraft(iron, quiet):
     assert low < report.closure.after < high < report.closure.before
     assert report.where[0].variable in ("aircraft", "magnetic_heading")
     assert not report.unknown.present
+
+
+@pytest.mark.usefixtures("few_variables")
+def test_an_interaction_of_variables_that_have_no_effect_alone():
+    frame = archive(aircraft=4, days=8)
+    hour = 2 * np.pi * frame.time / 86400.0
+    place = np.argsort(np.argsort(frame.latitude)) / frame.size - 0.5
+    alone = np.stack([np.ones(frame.size), np.sin(hour), np.cos(hour), place, place**2], -1)
+    product = np.sin(hour) * place
+    product -= alone @ np.linalg.lstsq(alone, product, rcond=None)[0]
+    product *= 1.5 / product.std()
+    faulty = replace(
+        frame,
+        u_rep=frame.u_rep + product * np.sin(frame.heading),
+        v_rep=frame.v_rep + product * np.cos(frame.heading),
+    )
+    report = diagnose(faulty, catalogue={}).report
+    (entry,) = report.unknown.where
+    assert set(entry.variables) == {"hour", "latitude"}
+    assert entry.component in ("along_heading", "airspeed_factor")
+    true = (np.hypot(*faulty.residual.T).mean() - np.hypot(*frame.residual.T).mean()) / KNOT
+    assert report.closure.reduction == pytest.approx(true, rel=0.1)
 
 
 @pytest.mark.usefixtures("few_variables")

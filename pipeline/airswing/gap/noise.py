@@ -227,7 +227,8 @@ def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tu
     recursion and its adjoint, which runs backward along the flight. Errors (n, 2) and precision
     (n,), the inverse variance as mean over directions, are 0 at masked reports.
     """
-    score, precision = weighted_scores(whiten(values, order, gains), order, gains)
+    white = np.asarray(whiten(values, order, gains), np.float64)
+    score, precision = weighted_scores(white, order, gains)
     valid = (precision > 0) & (gains.weight > 0)
     errors = np.divide(score, precision[:, None], out=np.zeros_like(score), where=valid[:, None])
     if gains.direction is not None:

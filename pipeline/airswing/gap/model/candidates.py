@@ -54,8 +54,8 @@ SMOOTH, NEGLIGIBLE = 0.3, 0.01
 INNER = (0.005, 0.995)
 #: Differences drawn to average a table of the reported wind over, and levels of their spread.
 DRAWS, LEVELS = 16, 8
-#: Every how many-th report the size of a candidate is measured on.
-SAMPLED = 7
+#: Reports on which the size of a candidate is measured, and all of them.
+SAMPLED, ALL = slice(None, None, 7), slice(None)
 #: Variables that depend on the reported wind.
 OF_WIND = {"wind_direction", "wind_speed"}
 
@@ -218,6 +218,7 @@ class Candidates:
         self._add_names()
         if tables:
             self._drawn = self._likely_winds()
+            self.drawn = {name: self._drawn_values(name) for name in OF_WIND}
             self.table_prior = -float(np.log(2 * len(self.variables) * len(COMPONENTS)))
             for name in self.variables:
                 curve = self.curve(name)
@@ -251,7 +252,8 @@ class Candidates:
     ) -> Group | None:
         """Add a group, scaled to 1 m/s rms where it acts; None where it acts nowhere.
 
-        ``pick`` are the columns of the block that its transform is for, all by default.
+        ``columns`` are those of `SAMPLED`; ``pick`` are the columns of the block that its transform
+        is for, all by default.
         """
         full = np.zeros((columns.shape[2], group.size))
         full[slice(None) if pick is None else list(pick)] = group.transform
@@ -303,7 +305,7 @@ class Candidates:
                     quantity=quantity,
                     dated=dated,
                 )
-                self._group(columns, group, form)
+                self._group(columns[SAMPLED], group, form)
 
     def _effect_columns(self, effect: Effect, at: Frame) -> Singles:
         raw = effect.softened_columns(at)
@@ -340,40 +342,39 @@ class Candidates:
         drawn = (drawn - drawn.mean(axis=0)) / (drawn.std(axis=0) + 1e-6)
         return np.asarray(self.wind + mean + spread * drawn[:, np.newaxis])
 
-    def columns_of(self, table: Table, at: Frame) -> Singles:
+    def _drawn_values(self, name: str) -> Floats:
+        """Values of a variable with each of the likely winds, (draws, n)."""
+        winds = np.moveaxis(self._drawn, 2, 1)
+        reported = (replace(self.frame, u_rep=u, v_rep=v) for u, v in winds)
+        return np.stack([values_of(frame, self.context, name) for frame in reported])
+
+    def columns_of(self, table: Table, at: Frame, rows: slice = ALL) -> Singles:
         """Columns (n, 2, k) of a table.
 
         Those of the reported wind are averaged over likely winds, unless they are evaluated at the
         reports themselves.
         """
+        names = [curve.variable for curve in table.curves]
         if at is not self.context:
-            return self._product(table, at, np.stack([at.u_rep, at.v_rep], -1), at)
+            values = [values_of(at, at, name) for name in names]
+            return _products(table, at, np.stack([at.u_rep, at.v_rep], -1), values, rows)
         if not of_wind(table):
-            return self._product(table, at, self.wind)
-        total = np.zeros((self.frame.size, 2, 1), np.float32)
-        for k, wind in enumerate(self._drawn):
-            columns = self._product(table, at, wind, self._reported(k))
-            total = np.asarray(total + columns / len(self._drawn), np.float32)
-        return total
+            values = [self.variables[name].values for name in names]
+            return _products(table, at, self.wind, values, rows)
+        return self._averaged(table, rows, range(DRAWS))
 
-    def _reported(self, k: int) -> Frame:
-        """Reports with the k-th of the likely winds."""
-        return replace(self.frame, u_rep=self._drawn[k, :, 0], v_rep=self._drawn[k, :, 1])
-
-    def _product(
-        self, table: Table, at: Frame, wind: Floats, reported: Frame | None = None
-    ) -> Singles:
-        functions = np.ones((self.frame.size, 1))
-        for curve in table.curves:
-            values = self.variables[curve.variable].values
-            if reported is not None:
-                values = values_of(reported, at, curve.variable)
-            factors = curve.functions(values)
-            functions = (functions[:, :, None] * factors[:, None, :]).reshape(self.frame.size, -1)
-        vectors = change_of(
-            table.component, heading=at.heading, airspeed=at.airspeed, u=wind[:, 0], v=wind[:, 1]
-        )
-        return np.asarray(vectors[:, :, None] * functions[:, None, :], np.float32)
+    def _averaged(self, table: Table, rows: slice, draws: Sequence[int]) -> Singles:
+        """Columns of a table averaged over some of the likely winds."""
+        total: Singles = np.zeros((1, 1, 1), np.float32)
+        for k in draws:
+            values = [
+                self.drawn[c.variable][k]
+                if c.variable in OF_WIND
+                else self.variables[c.variable].values
+                for c in table.curves
+            ]
+            total = total + _products(table, self.context, self._drawn[k], values, rows)
+        return np.asarray(total / len(draws), np.float32)
 
     def table_of(self, group: Group) -> Table:
         """Table of a group."""
@@ -381,7 +382,7 @@ class Candidates:
 
     def add_table(self, table: Table, weight: float, *, refined: bool = False) -> Group | None:
         """Add a table; None where it acts nowhere."""
-        columns = self.columns_of(table, self.context)
+        columns = self.columns_of(table, self.context, SAMPLED)
         covariance: Floats = np.eye(1)
         for curve in table.curves:
             covariance = np.asarray(np.kron(covariance, curve.covariance), np.float64)
@@ -393,7 +394,7 @@ class Candidates:
         reliability, quantity = 1.0, PARTS.get(table.component, "wind")
         if of_wind(table):
             # share of the energy of one likely wind that averages over all of them hold
-            drawn = self._product(table, self.context, self._drawn[0], self._reported(0))
+            drawn = self._averaged(table, SAMPLED, [0])
             reliability = float((columns**2).sum() / max((drawn**2).sum(), 1e-12))
         for curve in table.curves:
             reliability *= RELIABILITY.get(curve.variable, 1.0)
@@ -419,14 +420,6 @@ class Candidates:
             for dated in (False, True):
                 self._group(columns, replace(simple, dated=dated), range(size))
 
-    def functions(self, curve: Curve) -> Floats:
-        """Functions of a variable at the reports, (n, k), averaged over the likely winds."""
-        name = curve.variable
-        if name not in OF_WIND:
-            return curve.functions(self.variables[name].values)
-        drawn = (values_of(self._reported(k), self.context, name) for k in range(DRAWS))
-        return np.asarray(sum(curve.functions(values) for values in drawn)) / DRAWS
-
     def forget(self, groups: Sequence[Group]) -> None:
         """Remove groups; the last columns built are free again where they are theirs."""
         gone = {id(group) for group in groups}
@@ -440,6 +433,21 @@ class Candidates:
         return curve_of(name, self.variables[name].values, knots)
 
 
+def _products(
+    table: Table, at: Frame, wind: Floats, values: Sequence[Floats], rows: slice
+) -> Singles:
+    """Products (n, 2, k) of the component's unit change and functions of the variables' values."""
+    u, v = wind[rows].T
+    change = change_of(
+        table.component, heading=at.heading[rows], airspeed=at.airspeed[rows], u=u, v=v
+    )
+    functions: Singles = np.ones((len(change), 1), np.float32)
+    for curve, of_reports in zip(table.curves, values, strict=True):
+        factors = curve.functions(of_reports[rows]).astype(np.float32)
+        functions = (functions[:, :, None] * factors[:, None, :]).reshape(len(change), -1)
+    return np.asarray(change.astype(np.float32)[:, :, None] * functions[:, None, :])
+
+
 def of_wind(table: Table) -> bool:
     """Whether a table depends on the reported wind."""
     return bool(OF_WIND & {curve.variable for curve in table.curves})
@@ -448,7 +456,7 @@ def of_wind(table: Table) -> bool:
 def unit_size(columns: Singles, transform: Floats) -> Floats | None:
     """Scale a transform so that X T z has 1 m/s rms where it acts; None where it acts nowhere."""
     used = np.flatnonzero(transform.any(axis=1))
-    effect = columns[::SAMPLED][:, :, used] @ transform[used].astype(np.float32)
+    effect = columns[:, :, used] @ transform[used].astype(np.float32)
     energy = (effect * effect).sum(axis=(1, 2))
     # some parts in a million of the largest: where hat functions end, an effect acts no more
     if energy.size == 0 or not energy.max() > 1e-6:

@@ -15,7 +15,7 @@ import numpy as np
 from airswing.gap.archive.reported_variables import KINDS
 from airswing.gap.arrays import Floats
 from airswing.gap.effects.empirical import change_of
-from airswing.gap.model.candidates import COMPONENTS, Candidates, Curve, Group, Table
+from airswing.gap.model.candidates import COMPONENTS, OF_WIND, Candidates, Curve, Group, Table
 from airswing.gap.model.evidence import SHARES
 from airswing.gap.model.sums import GATE
 from airswing.gap.model.terms import Model
@@ -56,10 +56,7 @@ def add_pairs(model: Model) -> list[Group]:
 def _ranked(model: Model) -> list[tuple[float, str, str, str]]:
     """Pairs with a component, and their approximate log evidence, largest first."""
     candidates = model.sums.candidates
-    functions = {
-        name: _contrasts(candidates, pair_curve(candidates, name, SCREENED))
-        for name in candidates.variables
-    }
+    functions = {name: _contrasts(candidates, name) for name in candidates.variables}
     stops = np.cumsum([f.shape[1] for f in functions.values()])
     columns = {
         name: slice(stop - f.shape[1], stop)
@@ -79,26 +76,26 @@ def _ranked(model: Model) -> list[tuple[float, str, str, str]]:
     return sorted(out, reverse=True)
 
 
-def _contrasts(candidates: Candidates, curve: Curve) -> Floats:
+def _contrasts(candidates: Candidates, name: str) -> Floats:
     """Orthonormal functions (n, k) of a variable that are zero on average and where it is unknown.
 
     The first cycle of a circular variable, linear and quadratic functions of the rank of a linear
-    one, differences between categories.
+    one, differences between categories. Those of the reported wind are averages over likely winds.
     """
+    curve = pair_curve(candidates, name, SCREENED)
     number = np.arange(curve.knots.size)
+    angle = 2 * np.pi * number / number.size
     shapes = {
-        "circular": [
-            np.sin(2 * np.pi * number / number.size),
-            np.cos(2 * np.pi * number / number.size),
-        ],
+        "circular": [np.sin(angle), np.cos(angle)],
         "linear": [number, number**2],
         "category": list(np.eye(number.size)[1:]),
-    }[KINDS[curve.variable][0]]
-    values = candidates.functions(curve)
-    known = values.sum(axis=1)
-    design = np.stack([known, *(values @ shape for shape in shapes)], -1)
-    basis = np.linalg.qr(design)[0][:, 1:]
-    return np.asarray(basis * np.sqrt(len(basis)), np.float64)
+    }[KINDS[name][0]]
+    if name in OF_WIND:
+        functions = np.mean([curve.functions(values) for values in candidates.drawn[name]], axis=0)
+    else:
+        functions = curve.functions(candidates.variables[name].values)
+    basis = np.linalg.qr(functions @ np.stack([np.ones(number.size), *shapes], -1))[0]
+    return np.asarray(basis[:, 1:] * np.sqrt(len(basis)), np.float64)
 
 
 def _evidence(model: Model, functions: Floats) -> Floats:
@@ -108,11 +105,11 @@ def _evidence(model: Model, functions: Floats) -> Floats:
     their share of the sum, it is that of a Gaussian mean with unknown variance.
     """
     sums, candidates = model.sums, model.sums.candidates
-    white = np.empty((sums.n, 2))
+    white: Floats = np.empty((sums.n, 2))
     white[sums.order] = model.inverse_residual.reshape(sums.n, 2)
     score, _ = weighted_scores(white, sums.noise.order, sums.noise.gains)
     if sums.noise.gains.direction is not None:
-        score = sums.noise.gains.direction.scale_reports(score)
+        score = np.asarray(sums.noise.gains.direction.scale_reports(score))
     at, wind = candidates.context, candidates.wind
     scores = np.stack(
         [
