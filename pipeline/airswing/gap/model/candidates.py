@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -56,6 +56,8 @@ INNER = (0.005, 0.995)
 DRAWS, LEVELS = 16, 8
 #: Reports on which the size of a candidate is measured, and all of them.
 SAMPLED, ALL = slice(None, None, 7), slice(None)
+#: Knots of the functions by which pairs of variables are screened.
+SCREENED = 7
 #: Variables that depend on the reported wind.
 OF_WIND = {"wind_direction", "wind_speed"}
 
@@ -134,9 +136,9 @@ class Curve:
             distance = np.abs(np.mod(filled, period)[:, None] / period * count - np.arange(count))
             out = np.maximum(0.0, 1.0 - np.minimum(distance, count - distance))
         else:
-            out = np.stack(
-                [np.interp(filled, self.knots, row) for row in np.eye(self.knots.size)], -1
-            )
+            number = np.arange(self.knots.size)
+            place = np.interp(filled, self.knots, number)
+            out = np.maximum(0.0, 1.0 - np.abs(place[:, None] - number))
         return np.asarray(out * finite[:, None])
 
     @property
@@ -419,6 +421,34 @@ class Candidates:
             )
             for dated in (False, True):
                 self._group(columns, replace(simple, dated=dated), range(size))
+
+    @cached_property
+    def contrasts(self) -> dict[str, Floats]:
+        """Functions (n, k) of each variable whose products screen the pairs.
+
+        They are orthonormal, zero on average and where the variable is unknown: the first cycle of
+        a circular variable, linear and quadratic functions of the rank of a linear one, differences
+        between categories. Those of the reported wind are averages over likely winds.
+        """
+        out = {}
+        for name, variable in self.variables.items():
+            curve = self.pair_curve(name, SCREENED)
+            number = np.arange(curve.knots.size)
+            angle = 2 * np.pi * number / number.size
+            shapes = {
+                "circular": [np.sin(angle), np.cos(angle)],
+                "linear": [number, number**2],
+                "category": list(np.eye(number.size)[1:]),
+            }[variable.kind]
+            values = self.drawn[name] if name in OF_WIND else [variable.values]
+            functions = np.mean([curve.functions(x) for x in values], axis=0)
+            basis = np.linalg.qr(functions @ np.stack([np.ones(number.size), *shapes], -1))[0]
+            out[name] = np.asarray(basis[:, 1:] * np.sqrt(len(basis)), np.float64)
+        return out
+
+    def pair_curve(self, name: str, knots: int) -> Curve:
+        """Curve of a variable in a table of two; a circular variable has one knot more."""
+        return self.curve(name, knots + (KINDS[name][0] == "circular"))
 
     def forget(self, groups: Sequence[Group]) -> None:
         """Remove groups; the last columns built are free again where they are theirs."""

@@ -12,25 +12,18 @@ import itertools
 
 import numpy as np
 
-from airswing.gap.archive.reported_variables import KINDS
 from airswing.gap.arrays import Floats
 from airswing.gap.effects.empirical import change_of
-from airswing.gap.model.candidates import COMPONENTS, OF_WIND, Candidates, Curve, Group, Table
+from airswing.gap.model.candidates import COMPONENTS, Group, Table
 from airswing.gap.model.evidence import SHARES
 from airswing.gap.model.sums import GATE
 from airswing.gap.model.terms import Model
 from airswing.gap.noise import weighted_scores
 
-#: Knots of each variable in the functions that are screened, in tables that enter the contest and
-#: in the final ones; a circular variable has one more.
-SCREENED, COARSE, FINE = 7, 4, 7
+#: Knots of each variable in tables that enter the contest, and in final ones.
+COARSE, FINE = 4, 7
 #: Pairs that become tables.
 PAIRS = 20
-
-
-def pair_curve(candidates: Candidates, name: str, knots: int) -> Curve:
-    """Curve of a variable in a table of two."""
-    return candidates.curve(name, knots + (KINDS[name][0] == "circular"))
 
 
 def add_pairs(model: Model) -> list[Group]:
@@ -43,7 +36,7 @@ def add_pairs(model: Model) -> list[Group]:
     for evidence, first, second, component in _ranked(model)[:PAIRS]:
         if evidence + prior < GATE:
             break
-        curves = (pair_curve(candidates, name, COARSE) for name in (first, second))
+        curves = (candidates.pair_curve(name, COARSE) for name in (first, second))
         group = candidates.add_table(Table(tuple(curves), component), prior, refined=True)
         if group is not None:
             out.append(group)
@@ -55,8 +48,7 @@ def add_pairs(model: Model) -> list[Group]:
 
 def _ranked(model: Model) -> list[tuple[float, str, str, str]]:
     """Pairs with a component, and their approximate log evidence, largest first."""
-    candidates = model.sums.candidates
-    functions = {name: _contrasts(candidates, name) for name in candidates.variables}
+    functions = model.sums.candidates.contrasts
     stops = np.cumsum([f.shape[1] for f in functions.values()])
     columns = {
         name: slice(stop - f.shape[1], stop)
@@ -74,28 +66,6 @@ def _ranked(model: Model) -> list[tuple[float, str, str, str]]:
         for component, evidence in zip(COMPONENTS, np.maximum(total[:, 0], some), strict=True):
             out.append((float(evidence), first, second, component))
     return sorted(out, reverse=True)
-
-
-def _contrasts(candidates: Candidates, name: str) -> Floats:
-    """Orthonormal functions (n, k) of a variable that are zero on average and where it is unknown.
-
-    The first cycle of a circular variable, linear and quadratic functions of the rank of a linear
-    one, differences between categories. Those of the reported wind are averages over likely winds.
-    """
-    curve = pair_curve(candidates, name, SCREENED)
-    number = np.arange(curve.knots.size)
-    angle = 2 * np.pi * number / number.size
-    shapes = {
-        "circular": [np.sin(angle), np.cos(angle)],
-        "linear": [number, number**2],
-        "category": list(np.eye(number.size)[1:]),
-    }[KINDS[name][0]]
-    if name in OF_WIND:
-        functions = np.mean([curve.functions(values) for values in candidates.drawn[name]], axis=0)
-    else:
-        functions = curve.functions(candidates.variables[name].values)
-    basis = np.linalg.qr(functions @ np.stack([np.ones(number.size), *shapes], -1))[0]
-    return np.asarray(basis[:, 1:] * np.sqrt(len(basis)), np.float64)
 
 
 def _evidence(model: Model, functions: Floats) -> Floats:

@@ -17,7 +17,7 @@ from airswing.gap.archive.reported_variables import KINDS, KNOTS
 from airswing.gap.arrays import Floats
 from airswing.gap.model.candidates import Group, Table
 from airswing.gap.model.evidence import SMALL, dated_evidence, static_evidence
-from airswing.gap.model.pairs import FINE, add_pairs, pair_curve
+from airswing.gap.model.pairs import FINE, add_pairs
 from airswing.gap.model.sums import GATE
 from airswing.gap.model.terms import Model, Statistics, Term, describe, log_evidence, set_prior
 
@@ -385,12 +385,7 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
             rest = [t for t in terms if t is not term]
             model.condition(rest)
             pairs = add_pairs(model) if len(term.group.variables) == 2 else []
-            ranked = screen(model)
-            if term.group.refined:
-                # it stays a candidate for its place where its screening score misses the gate
-                score = _rescored(model, rest, term).score
-                ranked.insert(0, replace(term, score=score, gate=score / model.kappa))
-            ranking = contest(model, rest, ranked)
+            ranking = contest(model, rest, screen(model))
             model.sums.candidates.forget(
                 [g for g in pairs if not ranking or g is not ranking[0].group]
             )
@@ -424,7 +419,7 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
     name = curves[0].variable
     finer = [curves]
     if len(curves) == 2:
-        finer.append(tuple(pair_curve(candidates, c.variable, FINE) for c in curves))
+        finer.append(tuple(candidates.pair_curve(c.variable, FINE) for c in curves))
     elif KINDS[name][0] != "category":
         finer += [(candidates.curve(name, times * KNOTS[name]),) for times in FINER]
     options = [Table(c, lever) for c in finer for lever in (component, LEVERS[component])][1:]
