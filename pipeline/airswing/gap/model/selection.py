@@ -202,18 +202,14 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
 
 
 def _is_usual(model: Model, terms: Sequence[Term], table: Term) -> bool:
-    """Whether a name in the size that no aircraft is free of leaves a table nothing to explain."""
+    """Whether all names in the size that no aircraft is free of leave a table nothing to explain."""
     every = tuple(range(model.sums.A))
-    forms: dict[str, Term] = {}
+    names: dict[str, Term] = {}
     for group in model.sums.candidates.groups:
         if group.named and not group.dated and "a" in group.scopes:
             usual = float(np.hypot(SMALL, np.sqrt(model.usual.get(group.quantity, (0.0,))[0])))
-            forms.setdefault(group.name, Term(group, "a", every, usual))
-    scored = [_rescored(model, terms, name) for name in forms.values()]
-    best = max(scored, key=lambda t: t.score, default=None)
-    if best is None or best.score <= REPRESENTS * table.score:
-        return False
-    return _rescored(model, [*terms, best], table).score <= GATE
+            names.setdefault(group.name, Term(group, "a", every, usual))
+    return _rescored(model, [*terms, *names.values()], table).score <= GATE
 
 
 def _several_names(
