@@ -202,7 +202,7 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
 
 
 def _is_usual(model: Model, terms: Sequence[Term], table: Term) -> bool:
-    """Whether all names in the size that no aircraft is free of leave a table nothing to explain."""
+    """Whether names in the size that no aircraft is free of leave a table nothing to explain."""
     every = tuple(range(model.sums.A))
     names: dict[str, Term] = {}
     for group in model.sums.candidates.groups:
