@@ -25,7 +25,7 @@ from airswing.reports.read import read_reports
 from airswing.units import KNOT
 from airswing.workflow.gap_stage import simulation
 
-NOISE = NoiseModel(2.3, 1.0, 155e3, np.inf, np.zeros(1), np.ones(1))
+NOISE = NoiseModel(2.3, 1.0, 155e3, 1e9, np.zeros(1), np.ones(1))
 STRONG = [
     ActiveEffect("hard_iron", {"amplitude_deg": 8.0, "phase_deg": 30.0}),
     ActiveEffect("soft_iron", {"amplitude_deg": 3.0, "phase_deg": -70.0}),

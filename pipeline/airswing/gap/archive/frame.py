@@ -24,10 +24,9 @@ from airswing.flags import PHASE, ROLL, SCREENING
 from airswing.gap.archive.acceleration import acceleration_at_reports
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.physics.bank import bank_at_reports
-from airswing.physics.great_circle import central_angle
 from airswing.physics.triangle import wrap_degrees
 from airswing.products.ragged import blocks, joined, some_reports
-from airswing.units import DAY, EARTH_RADIUS, Picked
+from airswing.units import DAY, Picked
 
 Columns = dict[str, NDArray[Any]]  # arrays of integers and of floats
 
@@ -197,17 +196,6 @@ class Frame:
                     "unknown aircraft", found=tail, remedy=f"the archive holds {names}"
                 )
         return np.isin(self.aircraft, [self.tails.index(tail) for tail in wanted])
-
-    def step_distance(self) -> Floats:
-        """Great-circle distance from the previous row, (n,) m; NaN at the first of a flight.
-
-        Rows must be in order of aircraft, flight and time (as from `from_headings`).
-        """
-        lat, lon = np.radians(self.latitude), np.radians(self.longitude)
-        out = np.full(self.size, np.nan)
-        out[1:] = EARTH_RADIUS * central_angle(lat[:-1], lon[:-1], lat[1:], lon[1:])
-        out[1:][self.flight[1:] != self.flight[:-1]] = np.nan
-        return out
 
     @classmethod
     def from_headings(

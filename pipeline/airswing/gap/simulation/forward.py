@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from airswing.gap.archive.lattices import HeadingSteps
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects import CATALOGUE, EMPIRICAL, ActiveEffect, Effect, State, effect_named
 from airswing.gap.effects.base import Parameters, missing_context
-from airswing.gap.noise import NoiseModel
+from airswing.gap.noise import NoiseModel, flight_order, flight_steps, neighbour_pairs
 from airswing.physics.triangle import (
     bearing,
     wind_components,
@@ -194,31 +193,20 @@ def simulate(
 
 def draw_noise(frame: Frame, noise: NoiseModel, *, rng: np.random.Generator) -> Floats:
     """Error of the reference wind at reports in any order, stationary along flights, (n, 2)."""
-    order = np.lexsort((frame.time, frame.flight))
-    path = frame.take(order)
-    log_pressure = np.log(path.pressure)
-    distance = path.step_distance()
-    first = np.isnan(distance)
-    step = np.abs(np.diff(log_pressure, prepend=log_pressure[:1]))
-    decay = np.where(first, 0.0, noise.decay(np.where(first, 0.0, distance), step))
+    order = flight_order(frame.flight, frame.time)
+    log_pressure = np.log(frame.pressure)
+    decay = noise.decay(*flight_steps(frame.latitude, frame.longitude, log_pressure, order))
+    correlated, white = np.empty((2, frame.size, 2))
+    correlated[order.index], white[order.index] = rng.standard_normal((2, frame.size, 2))
     # innovations, whose variance keeps the variance of the process constant along the flight
-    correlated = rng.standard_normal((frame.size, 2)) * np.sqrt(1.0 - decay**2)[:, None]
-    rows = np.arange(frame.size)
-    position = rows - np.maximum.accumulate(np.where(first, rows, 0))
-    # vectorised over flights: all second reports, then all third reports, and so on
-    by_position = np.argsort(position, kind="stable")
-    bounds = np.cumsum(np.bincount(position))
-    for start, stop in pairwise(bounds):
-        now = by_position[start:stop]
-        correlated[now] += decay[now, None] * correlated[now - 1]
-    white = rng.standard_normal((frame.size, 2))
+    correlated *= np.sqrt(1.0 - decay**2)[:, None]
+    for before, now in neighbour_pairs(order):
+        correlated[now] += decay[now, None] * correlated[before]
     error = noise.correlated_sd * correlated + noise.white_sd * white
-    direction = noise.direction_factors(path.heading)
+    direction = noise.direction_factors(frame.heading)
     if direction is not None:
         error = np.asarray(direction.scale_reports(error), np.float64)
-    out = np.empty((frame.size, 2))
-    out[order] = noise.factor(log_pressure)[:, None] * error
-    return out
+    return np.asarray(noise.factor(log_pressure)[:, None] * error)
 
 
 def remove_effects(frame: Frame, effects: Sequence[ActiveEffect]) -> Frame:
