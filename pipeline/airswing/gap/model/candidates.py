@@ -221,12 +221,11 @@ class Candidates:
         if tables:
             self._drawn = self._likely_winds()
             self.drawn = {name: self._drawn_values(name) for name in OF_WIND}
-            self.table_prior = -float(np.log(2 * len(self.variables) * len(COMPONENTS)))
             for name in self.variables:
                 curve = self.curve(name)
                 if curve.knots.size > 1 or name == "magnetic_heading":
-                    for component in COMPONENTS:
-                        self.add_table(Table((curve,), component), self.table_prior)
+                    for table in (Table((curve,), component) for component in COMPONENTS):
+                        self.add_table(table, self.log_prior(table))
 
     # ------------------------------------------------------------------------------------ columns
     def _block(self, build: Callable[[Frame], Singles], columns: Singles) -> slice:
@@ -381,6 +380,11 @@ class Candidates:
     def table_of(self, group: Group) -> Table:
         """Table of a group."""
         return self.tables[group.columns.start]
+
+    def log_prior(self, table: Table) -> float:
+        """Log prior of a table: names and tables, variables and components are equally likely."""
+        number = len(self.variables)
+        return -float(np.log(2 * len(COMPONENTS)) + len(table.curves) * np.log(number))
 
     def add_table(self, table: Table, weight: float, *, refined: bool = False) -> Group | None:
         """Add a table; None where it acts nowhere."""

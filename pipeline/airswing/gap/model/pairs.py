@@ -31,13 +31,14 @@ def add_pairs(model: Model) -> list[Group]:
     candidates = model.sums.candidates
     if not candidates.tables:
         return []
-    prior = candidates.table_prior - float(np.log(len(candidates.variables)))
     out = []
-    for evidence, first, second, component in _ranked(model)[:PAIRS]:
+    for evidence, *names, component in _ranked(model)[:PAIRS]:
+        curves = tuple(candidates.pair_curve(name, COARSE) for name in names)
+        table = Table(curves, component)
+        prior = candidates.log_prior(table)
         if evidence + prior < GATE:
             break
-        curves = (candidates.pair_curve(name, COARSE) for name in (first, second))
-        group = candidates.add_table(Table(tuple(curves), component), prior, refined=True)
+        group = candidates.add_table(table, prior, refined=True)
         if group is not None:
             out.append(group)
     if out:
@@ -49,14 +50,18 @@ def add_pairs(model: Model) -> list[Group]:
 def _ranked(model: Model) -> list[tuple[float, str, str, str]]:
     """Pairs with a component, and their approximate log evidence, largest first."""
     functions = model.sums.candidates.contrasts
-    stops = np.cumsum([f.shape[1] for f in functions.values()])
+    constant = np.ones((model.sums.n, 1))
+    stops = 1 + np.cumsum([f.shape[1] for f in functions.values()])
     columns = {
         name: slice(stop - f.shape[1], stop)
         for (name, f), stop in zip(functions.items(), stops, strict=True)
     }
-    gain = _evidence(model, np.concatenate(list(functions.values()), axis=1))
+    gain = _evidence(model, np.concatenate([constant, *functions.values()], axis=1))
+    # the variable that has the larger effect alone is the first of a pair
+    alone = {name: gain[:, 0, 0, at].sum() for name, at in columns.items()}
+    ordered = sorted(functions, key=lambda name: -alone[name])
     out = []
-    for first, second in itertools.combinations(functions, 2):
+    for first, second in itertools.combinations(ordered, 2):
         block = gain[:, :, columns[first], columns[second]]  # (components, aircraft + 1)
         total = (block - 1.0).sum(axis=(2, 3))
         by_share = np.logaddexp(

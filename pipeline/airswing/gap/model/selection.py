@@ -382,6 +382,10 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
             model.condition(rest)
             pairs = add_pairs(model) if len(term.group.variables) == 2 else []
             ranking = contest(model, rest, screen(model))
+            if ranking and term.group.refined:
+                # other tables are refined only after they have won
+                now = replace(_rescored(model, rest, term), rivals=term.rivals)
+                ranking = sorted([*ranking, now], key=lambda t: -t.score)
             model.sums.candidates.forget(
                 [g for g in pairs if not ranking or g is not ranking[0].group]
             )
@@ -412,12 +416,14 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
         return terms
     candidates = model.sums.candidates
     curves = candidates.table_of(term.group).curves
-    name = curves[0].variable
     finer = [curves]
     if len(curves) == 2:
         finer.append(tuple(candidates.pair_curve(c.variable, FINE) for c in curves))
-    elif KINDS[name][0] != "category":
-        finer += [(candidates.curve(name, times * KNOTS[name]),) for times in FINER]
+    # two correlated variables may imitate fine functions of one
+    names = [c.variable for c in curves if KINDS[c.variable][0] != "category"]
+    finer += [
+        (candidates.curve(name, times * KNOTS[name]),) for name in names for times in (1, *FINER)
+    ]
     options = [Table(c, lever) for c in finer for lever in (component, LEVERS[component])][1:]
     best = _best_table(model, terms, term, options, float(np.log(1 + len(options))))
     if best is not term:
@@ -430,19 +436,19 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
 def _best_table(
     model: Model, terms: list[Term], term: Term, tables: Sequence[Table], weight: float
 ) -> Term:
-    """Best of a term and the same with other tables, whose log prior is less by ``weight``."""
+    """Best of a term and the same with other tables, the log prior of each less by ``weight``."""
     candidates = model.sums.candidates
     rest = [t for t in terms if t is not term]
     now = _rescored(model, rest, term).score
     best, score = term, now + GATE * model.kappa
     for table in tables:
-        group = candidates.add_table(table, term.group.prior - weight, refined=True)
+        group = candidates.add_table(table, candidates.log_prior(table) - weight, refined=True)
         model.sums.extend()
         if group is None:
             continue
         options = [
             _rescored(model, rest, replace(term, group=group, scale=scale))
-            for scale in (0.5 * term.scale, term.scale, 2.0 * term.scale)
+            for scale in term.scale * np.array([0.25, 0.5, 1.0, 2.0])
         ]
         candidate = max(options, key=lambda t: t.score)
         if candidate.score > score:
