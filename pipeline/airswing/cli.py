@@ -214,9 +214,8 @@ def evaluate(config: ConfigPath, output: Output = None, quiet: Quiet = False) ->
     """
     from airswing import workflow
 
-    job = workflow.Job.of(config, output=output, quiet=quiet)
-    with job.running():
-        _print(workflow.make_field_test(job), as_json=True, text="")
+    _, result = _run_stage(workflow.make_field_test, config, output=output, quiet=quiet)
+    _print(result, as_json=True, text="")
 
 
 @app.command()
@@ -227,9 +226,8 @@ def compare(config: ConfigPath, output: Output = None, quiet: Quiet = False) -> 
     """
     from airswing import workflow
 
-    job = workflow.Job.of(config, output=output, quiet=quiet)
-    with job.running():
-        _print(workflow.make_sensitivity(job), as_json=True, text="")
+    _, result = _run_stage(workflow.make_sensitivity, config, output=output, quiet=quiet)
+    _print(result, as_json=True, text="")
 
 
 @app.command()

@@ -63,11 +63,25 @@ def test_threads_processes_and_a_cluster_give_the_same_bytes(
         assert not [line for line in differences if not line.endswith("airswing_config")]
 
 
+@pytest.mark.parametrize(
+    ("place", "scheduler", "number"),
+    [
+        (Compute(), "threads", None),
+        (Compute(threads=3), "threads", 3),
+        (Compute(workers=1, threads=3), "threads", 3),
+        (Compute(workers=2), "processes", 2),  # whatever the number of cores
+    ],
+)
+def test_as_many_threads_or_processes_as_configured(place, scheduler, number):
+    with job.resources(place, Progress(quiet=True)):
+        assert dask.config.get("scheduler") == scheduler
+        assert dask.config.get("num_workers") == number
+
+
 def test_a_lazy_product_is_written_with_processes(tmp_path):
     sizes = {"row_size": ("aircraft", np.array([4], dtype=np.int32))}
     ds = xr.Dataset({"turn": ("report", np.arange(4.0))} | sizes).chunk(report=2)
     with job.resources(Compute(workers=2, threads=1), Progress(quiet=True)):
-        assert dask.config.get("num_workers") == 2
         path = airswing.write_product(ds.assign(turn=ds["turn"] + 1.0), tmp_path / "p.nc", title="")
     assert airswing.read_product(path)["turn"].values.tolist() == [1.0, 2.0, 3.0, 4.0]
 

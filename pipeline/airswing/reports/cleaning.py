@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from airswing.flags import ICING, PHASE, PLATFORM, ROLL, TEMPERATURE_QC, WIND_QC, WIND_SOURCE
 from airswing.physics.atmosphere import (
@@ -32,9 +31,7 @@ from airswing.physics.triangle import (
     wind_from_triangle,
 )
 from airswing.reports.audit import Audit
-from airswing.reports.columns import LIMITS, Column, possible, seconds_since_1970
-
-Array = NDArray[np.float64]
+from airswing.reports.columns import LIMITS, Column, Floats, Mask, possible, seconds_since_1970
 
 FLAGS = {
     "roll_flag": ROLL["missing"],
@@ -120,7 +117,7 @@ def _stripped(values: Column) -> Column:
     return values.fillna("").astype(str).str.strip(_PADDING)
 
 
-def _number(raw: pd.DataFrame, name: str, audit: Audit) -> Array:
+def _number(raw: pd.DataFrame, name: str, audit: Audit) -> Floats:
     if name not in raw:
         return np.full(len(raw), np.nan)
     values = raw[name].to_numpy(dtype=np.float64, copy=True)
@@ -137,7 +134,7 @@ def _number(raw: pd.DataFrame, name: str, audit: Audit) -> Array:
     return values
 
 
-def _name_mistake(name: str, values: Array, bad: NDArray[np.bool_], audit: Audit) -> None:
+def _name_mistake(name: str, values: Floats, bad: Mask, audit: Audit) -> None:
     """Name the mistake that explains many impossible values: undone, all become possible."""
     low, high = LIMITS[name]
     if np.count_nonzero(bad) < _MANY * np.count_nonzero(np.isfinite(values)):
@@ -154,7 +151,7 @@ def _name_mistake(name: str, values: Array, bad: NDArray[np.bool_], audit: Audit
             return
 
 
-def _wind(raw: pd.DataFrame, audit: Audit) -> dict[str, Array]:
+def _wind(raw: pd.DataFrame, audit: Audit) -> dict[str, Floats]:
     """Speed, direction and components of the reported wind; a calm has no direction."""
     if {"wind_speed", "wind_direction"} <= set(raw):
         speed = _number(raw, "wind_speed", audit)
@@ -177,7 +174,7 @@ def _wind(raw: pd.DataFrame, audit: Audit) -> dict[str, Array]:
     return dict(zip(_WIND, (speed, direction, eastward, northward), strict=True))
 
 
-def _speed_and_direction(eastward: Array, northward: Array) -> tuple[Array, Array]:
+def _speed_and_direction(eastward: Floats, northward: Floats) -> tuple[Floats, Floats]:
     speed = np.hypot(eastward, northward)
     return speed, np.where(speed == 0.0, np.nan, direction_in_degrees(eastward, northward))
 
@@ -224,7 +221,7 @@ def _derive_wind(frame: pd.DataFrame, raw: pd.DataFrame, audit: Audit) -> None:
     ).astype(np.int8)
 
 
-def declination(latitude: Array, longitude: Array, altitude: Array, seconds: Array) -> Array:
+def declination(latitude: Floats, longitude: Floats, altitude: Floats, seconds: Floats) -> Floats:
     """IGRF declination (degrees east) at places in degrees and m and seconds since 1970."""
     field = geomagnetic_field(latitude, longitude, np.nan_to_num(altitude), seconds)
     return np.asarray(np.degrees(field.declination))

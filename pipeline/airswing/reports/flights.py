@@ -68,8 +68,6 @@ def derive_flight(columns: Columns) -> NDArray[np.int32]:
     -1 where there is none), in order of tail and time.
     """
     tail = columns["tail"]
-    if not tail.size:
-        return np.zeros(0, dtype=np.int32)
     path = _paths(columns)
     label = _filled_labels(columns, path)
     order = np.lexsort((label, path, tail))  # stable: in order of time within each of these
@@ -193,13 +191,13 @@ def climb_rate(seconds: Floats, altitude: Floats, flight: Index) -> Floats:
 
 
 def derive_phase(columns: Columns, flight: Index) -> NDArray[np.int8]:
-    """Codes of `airswing.flags.PHASE` (report,) from ``time`` and ``pressure_altitude`` (m)."""
+    """Codes of `airswing.flags.PHASE` (report,) from ``time`` and ``pressure_altitude`` (m).
+
+    Flights are contiguous.
+    """
     phase = np.full(flight.size, PHASE["unknown"], dtype=np.int8)
     altitude = columns["pressure_altitude"].astype(np.float64)
     valid = np.flatnonzero(np.isfinite(altitude))
-    if not valid.size:
-        return phase
-    valid = valid[np.argsort(flight[valid], kind="stable")]
     rate = climb_rate(seconds_since_1970(columns["time"][valid]), altitude[valid], flight[valid])
     derived = np.where(np.isfinite(rate) & (altitude[valid] >= LOWEST_CRUISE), PHASE["cruise"], 0)
     derived[_lasting(rate, flight[valid])] = PHASE["ascent"]
@@ -253,7 +251,7 @@ def resolutions(columns: Columns, row_size: Index) -> dict[str, Floats]:
     number = int(row_size.size)
     stride = np.repeat(np.maximum(row_size // _MOST_REPORTS, 1), row_size)
     place = np.arange(stride.size) - np.repeat(np.cumsum(row_size) - row_size, row_size)
-    used = np.flatnonzero(place % np.maximum(stride, 1) == 0)
+    used = np.flatnonzero(place % stride == 0)
     group = columns["tail"][used]
     # Time of day: every step in use divides a day.
     day = columns["time"] - columns["time"].astype("datetime64[D]")
@@ -270,15 +268,14 @@ def resolutions(columns: Columns, row_size: Index) -> dict[str, Floats]:
         aircraft = np.resize(group, values.size)
         counts = _on_steps(values.astype(np.float64), aircraft, number, steps)
         step = _coarsest(counts, steps, FEWEST)
-        if name == "time":
-            exact = _exact_clock(columns, step, number)
         if (absent := np.isnan(step)).any():
             # Where an aircraft has few reports, the most frequent step of the fleet is used.
-            frequent, times = np.unique(step[~absent], return_counts=True)
+            frequent = pd.Series(step).mode()
             pooled = _coarsest(counts.sum(axis=0, keepdims=True), steps, 1)[0]
-            step[absent] = frequent[np.argmax(times)] if frequent.size else min(pooled, usual)
+            step[absent] = frequent[0] if frequent.size else min(pooled, usual)
         by_quantity[f"{name}_resolution"] = step
-    by_quantity["time_resolution"] = np.where(exact, 1.0, by_quantity["time_resolution"])
+    clock = by_quantity["time_resolution"]
+    clock[_exact_clock(columns, clock, number)] = 1.0
     return by_quantity
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
@@ -148,12 +147,11 @@ def resources(compute: Compute, progress: Progress) -> Iterator[None]:
         with _at_address(compute.scheduler, progress):
             yield
         return
-    workers = 1 if compute.workers == "auto" else compute.workers
-    cores = os.cpu_count() or 1
-    threads = max(1, cores // workers) if compute.threads == "auto" else compute.threads
-    kind = "threads" if workers == 1 else "processes"
+    kind, number = "processes", compute.workers
+    if number in ("auto", 1):
+        kind, number = "threads", compute.threads
     try:
-        with dask.config.set(scheduler=kind, num_workers=workers * threads):
+        with dask.config.set(scheduler=kind, num_workers=None if number == "auto" else number):
             yield
     except BrokenProcessPool as err:
         raise InputError(

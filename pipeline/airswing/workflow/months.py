@@ -85,10 +85,10 @@ def make_headings(job: Job) -> xr.Dataset:
             month.make()
             archive.release(month.name)
     there = {month.name for month in months if month.previous["product"]}
-    for path in (job.output / HEADINGS).glob("*.nc"):
-        if path.stem not in there:  # all its reports were withdrawn
-            for name in (HEADINGS, CORRECTED):
-                (job.output / name / path.name).unlink(missing_ok=True)
+    for name in (HEADINGS, CORRECTED):
+        for path in (job.output / name).glob("*.nc"):
+            if path.stem not in there:  # all its reports were withdrawn
+                path.unlink()
     if lost := sum(month.lost for month in months):
         job.progress.say(
             f"  model files that vanished or changed before they were read: {lost:,}; their "

@@ -185,8 +185,8 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
         note, remade = _months_note(job, headings)
         path, noted = job.output / "stability.json", job.notes / "stability.json"
         # begin of the window of the first month made
-        first_month = np.datetime64(min(remade, default=str(last + 1)), "M").astype(np.int64)
-        begin = np.datetime64(int(first_month - first_month % (1 if by_month else 3)), "M")
+        first_month = pd.Period(min(remade, default=str(last + 1)), "M" if by_month else "Q")
+        begin = np.datetime64(first_month.start_time, "D")
         earlier: list[Content] = []
         if not job.fresh and read_note(noted).get("settings") == note["settings"]:
             last_time = read_note(path)
@@ -196,7 +196,7 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
         windows = fit_by_window(
             headings,
             window=window,
-            since=begin.astype("datetime64[D]") if earlier else None,
+            since=begin if earlier else None,
             **job.pooling,
             **job.config.fit.model_dump(),
         )
@@ -291,29 +291,30 @@ def make_virtual(
         until, names = test.start, headings["aircraft"].to_numpy().astype(str).tolist()
         uncorrected = [name for name in names if name not in test.corrected]
     with job.progress.stage("virtual field test") as stage:
-        later = partial(
-            virtual_field_test,
-            headings,
-            learned_until=until,
-            corrected=uncorrected,
-            resolution=math.degrees(config.table.resolution),
-            **job.pooling,
-            **config.fit.model_dump(),
-        )
-        held_out = partial(cross_validate, headings, fits, ranking=ranking, **job.pooling)
+        tests = {
+            "later": partial(
+                virtual_field_test,
+                headings,
+                learned_until=until,
+                corrected=uncorrected,
+                resolution=math.degrees(config.table.resolution),
+                **job.pooling,
+                **config.fit.model_dump(),
+            ),
+            "held_out": partial(cross_validate, headings, fits, ranking=ranking, **job.pooling),
+        }
         result: Content = {}
-        gains = []
-        for name, test_of in (("later", later), ("held_out", held_out)):
+        for name, compute in tests.items():
             try:
-                outcome = result[name] = test_of()
+                result[name] = compute()
             except InputError as err:
                 result[name] = {"why": str(err)}
-                continue
-            if outcome["realised_gain_kt"] is not None:
-                gains.append(
-                    f"{name.replace('_', ' ')} {outcome['predicted_gain_kt']:.2f} kt predicted, "
-                    f"{outcome['realised_gain_kt']:.2f} realised"
-                )
+        gains = (
+            f"{name.replace('_', ' ')} {outcome['predicted_gain_kt']:.2f} kt predicted, "
+            f"{outcome['realised_gain_kt']:.2f} realised"
+            for name, outcome in result.items()
+            if outcome.get("realised_gain_kt") is not None
+        )
         write_json(job.output / "virtual_field_test.json", result)
         stage.note = "; ".join(gains) or "too few reports"
     return result
