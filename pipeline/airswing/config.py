@@ -185,8 +185,8 @@ class FieldTest(_Section):
     start: Day
     before_start: Day
     end: Day | None = None
-    corrected: list[str]
-    controls: list[str]
+    corrected: list[str] = Field(min_length=1)
+    controls: list[str] = Field(min_length=1)
     roll: Literal["reject_bad", "require_good", "ignore"] = "require_good"
     temperature_qc: Literal["reject_fail", "require_pass", "ignore"] = "require_pass"
 
@@ -195,8 +195,6 @@ class FieldTest(_Section):
         shared = sorted(set(self.corrected) & set(self.controls))
         if shared:
             raise ValueError(f"aircraft in both groups: {', '.join(shared)}")
-        if not self.corrected or not self.controls:
-            raise ValueError("corrected and controls must each name at least one aircraft")
         if self.before_start >= self.start:
             raise ValueError("before_start must be earlier than start")
         if self.end is not None and self.end <= self.start:

@@ -136,7 +136,7 @@ def test_an_archive_against_itself_has_no_gap(archive, frame):
     [
         ("known", None, "no file of known effects"),
         ("known", "- {name: hard_irn}", "unknown effect"),
-        ("simulated", None, "no reports of a simulation"),
+        ("simulated", None, "--simulated: no file found"),
         ("simulated", "a,b\n1,2\n", "a required column is missing"),
     ],
 )

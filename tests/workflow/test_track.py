@@ -1,6 +1,7 @@
 """Tables with model winds, what files hold, and the summary of a run."""
 
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import airswing
 from airswing.errors import InputError
 from airswing.workflow.inspection import inspect_file
 from airswing.workflow.main import summary_text
+from airswing.workflow.track import collocate_track
 
 
 @pytest.fixture
@@ -84,10 +86,30 @@ def test_the_command_keeps_the_table_as_it_is(model, tmp_path):
     assert written["m_eastward_wind_m_s"].iloc[1] == "1.000"
     assert "2 of 3 rows have a wind of m" in done.stderr + done.stdout
     assert "covers 2022-11-11T00:00Z to 2022-11-11T03:00Z" in done.stderr + done.stdout
+    for separator in ",;\t":
+        text = track(name=["b #2", "", "c"]).to_csv(index=False, sep=separator)
+        (tmp_path / "track.csv").write_text(f"# a comment\n{text}")
+        assert collocate().returncode == 0
+        assert pd.read_csv(tmp_path / "out.csv")["name"].tolist()[::2] == ["b #2", "c"]
+    (tmp_path / "track.csv").write_bytes(b"time,lat\xff\n")
+    assert "track.csv: is not UTF-8 text" in collocate().stderr
     track().rename(columns={"time": "when"}).to_csv(tmp_path / "track.csv", index=False)
     assert "--columns" in collocate().stderr
     assert collocate("--columns", "when=time").returncode == 0
     assert collocate(reference="m.nc").returncode == 2
+
+
+@pytest.mark.parametrize("names", [("t.parquet", "out.csv"), ("t.csv", "out.parquet")])
+def test_parquet_without_its_library_is_named(tmp_path, monkeypatch, names):
+    track().to_csv(tmp_path / "t.csv", index=False)
+    track().to_parquet(tmp_path / "t.parquet")
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    source, output = (tmp_path / name for name in names)
+    with pytest.raises(InputError, match=r"parquet: Parquet needs pyarrow\. .*airswing\[parquet\]"):
+        collocate_track(source, ["m=m/*.nc"], output)
+
+
+# --- inspection --------------------------------------------------------------------------------
 
 
 def test_a_product_of_grib_files_is_a_product_and_half_of_it_is_named(tmp_path):

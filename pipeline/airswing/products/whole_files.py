@@ -158,6 +158,15 @@ def workspace(folder: Path) -> Iterator[None]:
                 folder.rmdir()
 
 
+def require_parquet(path: Path) -> None:
+    """Raise InputError about a Parquet file if the library of Parquet is not installed."""
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError as err:
+        remedy = "Install it with: pip install 'airswing[parquet]'"
+        raise InputError("Parquet needs pyarrow", file=path, remedy=remedy) from err
+
+
 def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
     """Return the error for a path or pattern of a key (`field`) that names no file."""
     text = os.fspath(pattern)

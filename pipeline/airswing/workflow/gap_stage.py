@@ -13,7 +13,6 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from glob import glob
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +46,7 @@ from airswing.gap.simulation.report_table import (
 from airswing.products.whole_files import write_json
 from airswing.reference.collocate import collocate
 from airswing.report.gap.gap_page import write_gap_page
-from airswing.reports import read_reports
+from airswing.reports import expand, read_reports
 from airswing.units import KNOT
 from airswing.workflow.job import Job
 from airswing.workflow.months import catalogues, make_headings
@@ -291,11 +290,7 @@ def _read_simulation(job: Job, simulated: str) -> tuple[xr.Dataset, Config]:
         with naming_configuration(simulated):
             reports = read_reports(section.files, format=section.format, columns=section.columns)
         return reports, config
-    if not glob(simulated, recursive=True):
-        remedy = "Name a file of reports, a glob, or a configuration"
-        raise InputError(
-            "no reports of a simulation", file=simulated, field="--simulated", remedy=remedy
-        )
+    expand(simulated, "--simulated")  # its error names the option
     files, columns = [simulated], job.config.reports.columns
     try:
         reports, columns = read_reports(files), {}

@@ -68,7 +68,7 @@ def _proposal(path: Path, error: InputError) -> dict[str, object] | None:
         return None
     try:
         proposal = propose_mapping(path)
-    except (InputError, ValueError, ImportError):
+    except (InputError, ValueError):
         # without a proposal the message of the reader is shown
         return None
     if proposal is None:

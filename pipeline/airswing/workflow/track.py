@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,10 +18,12 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.physics.atmosphere import pressure_from_altitude
 from airswing.physics.triangle import direction_in_degrees
-from airswing.products.whole_files import atomic
+from airswing.products.whole_files import atomic, require_parquet
 from airswing.reference.catalogue import Catalogue, build_catalogue
 from airswing.reference.collocate import collocate
 from airswing.reports.columns import conversion, parse_times, split_name
+from airswing.reports.formats import damage_named, opened
+from airswing.reports.formats.tabular import header_of
 from airswing.units import KNOT
 
 _SHORT = {"lat": "latitude", "lon": "longitude"}
@@ -114,30 +117,30 @@ def collocate_track(
             file=track,
             remedy='Such as --reference "ruc=ruc/*.grb"',
         )
-    names = _pairs(columns, "--columns", "fl=pressure_altitude_ft")
+    meanings = _pairs(columns, "--columns", "fl=pressure_altitude_ft")
     for path in (track, output):
         if path.suffix.lower() not in TABLES:
             raise InputError("a track is a .csv or .parquet file", file=path)
+        if path.suffix.lower() == ".parquet":
+            require_parquet(path)
     if not track.exists():
         remedy = "Check the path, which starts at the current directory"
         raise InputError("no such file", file=track, remedy=remedy)
-    try:
-        # read as text, so that identifiers keep leading zeros
-        table = (
-            pd.read_csv(track, dtype=str, keep_default_na=False, comment="#")
-            if track.suffix.lower() == ".csv"
-            else pd.read_parquet(track)
-        )
-    except (OSError, ValueError) as error:
-        cause, remedy = getattr(error, "strerror", None) or error, "Save it as CSV or Parquet again"
-        raise InputError("cannot read the table", file=track, found=cause, remedy=remedy) from error
+    with damage_named(track, "a table"), opened(track) as file:
+        if track.suffix.lower() == ".csv":
+            names, separator, lines = header_of(track)
+            options: Any = {"names": names, "sep": separator, "skiprows": lines}
+            # as text, so that identifiers keep leading zeros
+            table = pd.read_csv(file, dtype=str, keep_default_na=False, index_col=False, **options)
+        else:
+            table = pd.read_parquet(file)
     models = {}
     for name, pattern in files.items():
         try:
             models[name] = build_catalogue(pattern, name=name)
         except InputError as error:  # it names a key of a configuration
             raise error.located(field=f"--reference {name}") from error.__cause__
-    extended = append_winds(table, models, columns=names)
+    extended = append_winds(table, models, columns=meanings)
     for name, model in models.items():
         number = int(extended[f"{name}_wind_speed_kt"].notna().sum())
         first, last = (np.datetime_as_string(model.times[i], unit="m") for i in (0, -1))

@@ -27,7 +27,7 @@ from airswing.gap.effects import ActiveEffect
 from airswing.gap.noise import NoiseModel
 from airswing.gap.simulation.forward import Coding, simulate
 from airswing.physics.triangle import wind_from_direction, wrap_degrees
-from airswing.products.whole_files import atomic
+from airswing.products.whole_files import atomic, require_parquet
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 _FLAGS: dict[str, dict[int, str]] = {
@@ -134,6 +134,8 @@ def report_path(path: Path | str) -> Path:
         raise InputError(
             "reports are written as .csv or .parquet", file=path, found=path.suffix or "no suffix"
         )
+    if path.suffix == ".parquet":
+        require_parquet(path)
     return path
 
 
@@ -151,12 +153,7 @@ def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
             table = table.assign(time=[f"{stamp}Z" for stamp in text])
             table.to_csv(temporary, index=False, lineterminator="\n")
             return path
-        try:
-            table.to_parquet(temporary, index=False)
-        except ImportError as err:
-            raise InputError(
-                "Parquet needs the extra 'parquet'", file=path, remedy="install airswing[parquet]"
-            ) from err
+        table.to_parquet(temporary, index=False)
     return path
 
 

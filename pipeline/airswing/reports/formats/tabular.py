@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from airswing.errors import InputError
 from airswing.physics.triangle import wrap_degrees
+from airswing.products.whole_files import require_parquet
 from airswing.reports.audit import Audit
 from airswing.reports.columns import (
     FLAGS,
@@ -59,7 +60,7 @@ Header = tuple[list[str], str, int]
 
 
 def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    header = _header(path)
+    header = header_of(path)
     names = header[0]
     matched = sources(names, mapping)
     text = {
@@ -160,12 +161,13 @@ def first_rows(path: Path) -> pd.DataFrame:
             first: pd.DataFrame = next(table.iter_batches(batch_size=2000)).to_pandas()
         return first
     with damage_named(path, "CSV"):
-        header = _header(path)
+        header = header_of(path)
         options = dict(names=header[0], chunksize=2000, on_bad_lines="skip", na_values=_BLANKS)
         return next(_pieces(path, header, Audit(), **options))
 
 
-def _header(path: Path) -> Header:
+def header_of(path: Path) -> Header:
+    """Read the header of a CSV file, which may follow comments; names that repeat are numbered."""
     # utf-8-sig: a byte order mark is no part of the first name.
     with io.TextIOWrapper(opened(path), encoding="utf-8-sig", newline="") as file:
         line, lines, comment = file.readline(_LONGEST_HEADER), 1, ""
@@ -192,13 +194,9 @@ def _header(path: Path) -> Header:
 
 
 def _read_parquet(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
-    try:
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        raise InputError(
-            "reading Parquet needs pyarrow",
-            remedy="Install it with: pip install 'airswing[parquet]'",
-        ) from error
+    require_parquet(path)
+    import pyarrow.parquet as pq
+
     # A little at a time: whole column chunks of a large row group are hundreds of MB.
     with pq.ParquetFile(path, buffer_size=2**20, pre_buffer=False) as file:
         inside = file.schema_arrow.names
