@@ -144,8 +144,9 @@ def test_bad_input_is_named(frame, tmp_path, option, content, message):
     file = tmp_path / ("bad.yaml" if option == "known" else "bad.csv")
     if content is not None:
         file.write_text(content)
-    with pytest.raises(InputError, match=f"{file}.*{message}"):
+    with pytest.raises(InputError, match=message) as error:
         begin(*frame, **{option: str(file)})
+    assert str(file) in str(error.value)
 
 
 def test_simulated_reports_use_the_column_names_of_the_archive(archive, frame, tmp_path):
