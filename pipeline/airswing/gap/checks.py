@@ -1,25 +1,13 @@
-"""Checks of the assumptions of a diagnosis on the archive at hand.
+"""Checks of the assumptions of a diagnosis on the archive at hand (docs/gap.md, section 9).
 
-All checks are made after the search, on the residual of the model, and change no claim; a failed
-check shows which intervals and claims are doubtful. Limits are of practical size, not of
-significance: with 100,000 reports every model is significantly wrong. Gross errors are left out;
-standard errors and intervals count days, not reports.
-
-* Calibration: given the earlier reports of its flight, a residual of days to which the effects were
-  not fitted is normal with mean and standard deviation of the prediction of `airswing.gap.noise`.
-* A classifier is trained to separate held-out flights from simulated ones (unit noise after
-  whitening). It detects dependence on heading, level or the rest of the flight.
-* Placebo: a deviation of one cycle in the magnetic heading of *another* flight, with the size,
-  spread and correlation of a real one, fitted on some days and removed on the others.
-* Aliases: pairs of effects whose whitened columns share energy on these flights.
+They are made after the search, on held-out residuals of the model without gross errors, and change
+no claim. Limits are of practical size, not of significance: with 100,000 reports every model is
+significantly wrong. Standard errors and intervals count days, not reports. Scatter, rounding and
+exchanged identifiers remain where claims are fitted again.
 
 Source: Gneiting, Balabdaoui and Raftery (2007), J. R. Stat. Soc. B 69, 243-268 (PIT, CRPS of the
 normal distribution); Lopez-Paz and Oquab (2017) (two-sample classifier); Hanley and McNeil (1982)
 (area under the curve as the Mann-Whitney statistic).
-
-*Claims again.* Deviations and field test are fitted with the same reports and options before and
-after the other effects are removed, those of the reference from the reference winds and others from
-the reported ones; scatter, rounding and exchanged identifiers remain.
 """
 
 from __future__ import annotations
@@ -401,15 +389,10 @@ class Adjustment:
 def adjusted_headings(headings: xr.Dataset, adjustment: Adjustment) -> xr.Dataset:
     """Correct winds, headings, airspeeds and their errors on the rows of an adjustment."""
     rows = adjustment.report
-    dims: dict[str, tuple[str, ...]]
-    against = ("heading_error", "airspeed_error", *(f"reference_{side}_wind" for side in _SIDES))
-    dims = {name: ("reference", "report") for name in against}
-    dims |= {f"{side}_wind": ("report",) for side in _SIDES}
-    dims |= {name: ("report",) for name in ("heading", "magnetic_heading", "airspeed")}
-    new = {
-        name: np.array(headings[name].transpose(*order).to_numpy(), np.float64)
-        for name, order in dims.items()
-    }
+    names = ["heading", "magnetic_heading", "airspeed", "heading_error", "airspeed_error"]
+    names += [f"{prefix}{side}_wind" for prefix in ("", "reference_") for side in _SIDES]
+    old = {name: headings[name].transpose(..., "report") for name in names}
+    new = {name: np.array(values.to_numpy(), np.float64) for name, values in old.items()}
     air, implied = [], []
     for k, side in enumerate(_SIDES):
         ground = headings[f"ground_{side}_velocity"].to_numpy()[rows].astype(np.float64)
@@ -424,7 +407,7 @@ def adjusted_headings(headings: xr.Dataset, adjustment: Adjustment) -> xr.Datase
     new["magnetic_heading"][rows] = (heading - declination) % 360.0
     new["heading_error"][:, rows] = wrap_degrees(heading - np.degrees(np.arctan2(*implied)))
     new["airspeed_error"][:, rows] = airspeed - np.hypot(*implied)
-    return headings.assign({name: (dims[name], values) for name, values in new.items()})
+    return headings.assign({name: (old[name].dims, values) for name, values in new.items()})
 
 
 def review_claims(

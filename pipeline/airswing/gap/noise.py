@@ -1,16 +1,13 @@
 """Noise of the wind residual along flights: model, fit, and exact whitening.
 
-Assumptions: the residual of each wind component is g(p) times the sum of an Ornstein-Uhlenbeck
-process in distance (and ln p) along the flight and white noise, equally distributed in u and v, or
-with a factor each along and across the heading. The factor g is piecewise linear in ln p and has
+The model is that of docs/gap.md, section 2; the level factor g is piecewise linear in ln p and has
 mean square 1 over the reports. Smooth functions of heading are removed first for each aircraft.
 Gross errors are single reports that differ from *both* neighbours: a screening on the size of the
 residual would also remove the effects that the diagnosis looks for.
 
-The Kalman recursion of one state is the exact Cholesky whitening in linear time: the innovation
-divided by its standard deviation is white. The gains depend on the geometry alone, so that one
-recursion whitens residuals and design columns. The work is vectorised over flights, in a loop over
-the position of a report in its flight.
+The Kalman recursion of one state is the exact Cholesky whitening in linear time. The gains depend
+on the geometry alone, so that one recursion whitens residuals and design columns. The work is
+vectorised over flights, in a loop over the position of a report in its flight.
 
 Source: Jones (1980), Technometrics 22, 389-395 (state space form of an Ornstein-Uhlenbeck process
 with white noise, maximum likelihood); de Jong (1988), Biometrika 75, 594-600 (backward recursion of
@@ -20,6 +17,7 @@ the leave-one-out errors).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,28 +91,18 @@ class Gains:
 
 def flight_order(flight: NDArray[np.integer], time: Floats) -> FlightOrder:
     """Order reports by their position in the flight; flight numbers are unique in an archive."""
-    n = flight.size
-    if not n:
-        return FlightOrder(np.zeros(0, np.int64), np.zeros(1, np.int64))
     by_flight = np.lexsort((time, flight))
     _, first, length = np.unique(flight[by_flight], return_index=True, return_counts=True)
-    position = np.arange(n) - np.repeat(first, length)
-    length_rank = np.empty(first.size, np.int64)
-    length_rank[np.argsort(-length, kind="stable")] = np.arange(first.size)
+    position = np.arange(flight.size) - np.repeat(first, length)
+    length_rank = np.argsort(np.argsort(-length, kind="stable"))
     order = np.lexsort((np.repeat(length_rank, length), position))
     return FlightOrder(by_flight[order], np.r_[0, np.cumsum(np.bincount(position))])
 
 
 def neighbour_pairs(order: FlightOrder) -> list[tuple[Integers, Integers]]:
     """Return the pairs (previous report, report) of every block but the first."""
-    starts = order.starts
-    return [
-        (
-            order.index[starts[j - 1] : starts[j - 1] + starts[j + 1] - starts[j]],
-            order.index[starts[j] : starts[j + 1]],
-        )
-        for j in range(1, starts.size - 1)
-    ]
+    blocks = np.split(order.index, order.starts[1:-1])
+    return [(before[: now.size], now) for before, now in pairwise(blocks)]
 
 
 def flight_steps(
@@ -137,7 +125,6 @@ def kalman_gains(
     decay: Floats,
     level_factor: Floats,
     keep: Booleans,
-    *,
     correlated_sd: float,
     white_sd: float,
     extra_sd: Floats | None = None,
@@ -244,7 +231,7 @@ def weighted_scores(white: Floats, order: FlightOrder, gains: Gains) -> tuple[Fl
     score, precision = np.zeros_like(white), np.zeros(white.shape[0])
     adjoint: Floats = np.zeros((0, white.shape[1]))
     adjoint_weight: Floats = np.zeros(0)
-    blocks = [order.index[a:b] for a, b in zip(order.starts[:-1], order.starts[1:], strict=True)]
+    blocks = np.split(order.index, order.starts[1:-1])
     for now, after in zip(blocks[::-1], [np.zeros(0, np.int64), *blocks[:0:-1]], strict=True):
         decay = gains.decay[after]
         state, information = np.zeros((now.size, white.shape[1])), np.zeros(now.size)
@@ -356,16 +343,9 @@ def whitening_gains(
 ) -> Gains:
     """Gains of a model at reports, those not kept treated as missing; see `fit_noise`."""
     log_pressure = np.log(frame.pressure)
-    distance, step = flight_steps(frame.latitude, frame.longitude, log_pressure, order)
-    gains = kalman_gains(
-        order,
-        model.decay(distance, step),
-        model.factor(log_pressure),
-        keep,
-        correlated_sd=model.correlated_sd,
-        white_sd=model.white_sd,
-        extra_sd=extra_sd,
-    )
+    decay = model.decay(*flight_steps(frame.latitude, frame.longitude, log_pressure, order))
+    sd = model.correlated_sd, model.white_sd, extra_sd
+    gains = kalman_gains(order, decay, model.factor(log_pressure), keep, *sd)
     direction = model.direction_factors(frame.heading)
     return gains if direction is None else replace(gains, direction=direction.inverse)
 
@@ -397,15 +377,7 @@ def _maximise(
         inside = np.clip(parameters, bounds[:, 0], bounds[:, 1])
         signal, white, length, height = np.exp(inside)
         decay = np.exp(-distance / length - step / height)
-        gains = kalman_gains(
-            order,
-            decay,
-            level_factor,
-            keep,
-            correlated_sd=signal,
-            white_sd=white,
-            extra_sd=extra_sd,
-        )
+        gains = kalman_gains(order, decay, level_factor, keep, signal, white, extra_sd)
         innovation = values.copy()
         whiten_blocks(innovation, order.starts, gains)
         # winsorised at four standard deviations: undetected gross errors must not widen the noise

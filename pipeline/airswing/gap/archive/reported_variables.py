@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
 from airswing.gap.archive.frame import Frame
@@ -176,10 +177,8 @@ def record(frame: Frame, quiet: Frame) -> dict[str, Variable]:
 
 def flight_time(frame: Frame) -> Floats:
     """Return the time since the first report of the flight, (n,) minutes; NaN after a day."""
-    numbers, index = np.unique(frame.flight, return_inverse=True)
-    start = np.full(numbers.size, np.inf)
-    np.minimum.at(start, index, frame.time)
-    minutes = (frame.time - start[index]) / 60.0
+    start = pd.Series(frame.time).groupby(frame.flight).transform("min").to_numpy()
+    minutes = (frame.time - start) / 60.0
     return np.asarray(np.where(minutes <= 1440.0, minutes, np.nan))
 
 

@@ -1,13 +1,10 @@
 """Reports that scatter more than simulated ones: of some aircraft, or as a function of a variable.
 
-The logarithm of the squared interpolation error of a report, over its expectation by the noise
-model, less that of simulated archives of the same paths, noise and coding, is a scalar y (Harvey
-1976, Econometrica 44, 461-465). A curve of y over a variable, on the fleet or on some aircraft, has
-the evidence of a table of the mean, with the usual variation of log variance in place of that of
-the wind. A common curve of the bank, which is noise, is removed first; the level of each aircraft
-is compared with the fleet's. The interpolation error of a report contains the errors of its
-neighbours: the excess variance is divided by the mean square interpolation error of independent
-errors of 1 m/s at the affected reports.
+The log squared interpolation error of a report over its expectation, less that of simulated
+archives, is a scalar y (Harvey 1976, Econometrica 44, 461-465), regressed on every variable
+(docs/gap.md, section 6) with the usual variation of log variance in place of that of the wind. A
+common curve of the bank, which is noise, is removed first; the level of each aircraft is compared
+with the fleet's.
 """
 
 from __future__ import annotations

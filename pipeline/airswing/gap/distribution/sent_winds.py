@@ -1,12 +1,9 @@
 """Speeds and directions that are sent too often or never: floors, ceilings, holes, steps.
 
-Counts of reported speeds (classes of 2 kt) and directions (10 degrees) are compared with those of
-simulated reports: the reference wind plus the residual of another report of the same level, coded
-alike. A smooth ratio of the two is the weather's; a cell that differs from its neighbours is the
-unit's. The day is the unit of scatter. The speed that the unit sends in place of each speed is the
-monotone map between the quantiles of simulated and reported speeds; the directions that it sends
-are multiples of a step up to some speed. The closure is the disagreement that either adds to
-simulated reports; of directions without a step it is not known.
+Counts of reported speeds and directions are compared with those of simulated reports (docs/gap.md,
+section 6). A smooth ratio of the two is the weather's; a cell that differs from its neighbours is
+the unit's. The closure is the disagreement that the map of speeds, or the step of directions, adds
+to simulated reports; of directions without a step it is not known.
 """
 
 from __future__ import annotations

@@ -1,17 +1,11 @@
 """Definition of an effect, the catalogue of effects, and common forms of effects.
 
-An effect acts at one stage of the simulated measurement:
-
-``identity`` the airframe behind a reported identifier; ``atmosphere`` the wind met, where it
-differs from the reference wind as sampled; ``sensor`` the indicated heading or airspeed, functions
-of the INDICATED magnetic heading; ``report`` changes of the computed wind by the unit before it is
-sent.
-
-The wind computed between the last two is ``V_G - V_ind h(psi_ind)`` with ``h = (sin psi, cos
-psi)``; a heading error is indicated minus true. With ``n = (cos psi, -sin psi)`` design columns are
-``-V n`` per heading error and ``-h`` per airspeed error. An unknown quantity of the context
-contributes nothing. Coefficients are in radians and SI, parameters in files as given by each
-`Parameter`.
+An effect acts at one stage of the simulated measurement (docs/gap.md, section 1): ``identity`` the
+airframe behind a reported identifier; ``atmosphere`` the wind met, where it differs from the
+reference wind as sampled; ``sensor`` the indicated heading (error: indicated minus true) or
+airspeed, functions of the INDICATED magnetic heading; ``report`` changes of the computed wind by
+the unit before it is sent. An unknown quantity of the context contributes nothing. Coefficients are
+in radians and SI, parameters in files as given by each `Parameter`.
 """
 
 from __future__ import annotations

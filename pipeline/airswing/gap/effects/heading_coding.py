@@ -38,11 +38,8 @@ class HeadingCoding(MomentEffect):
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         # the implied air vector is rotated to the nearest step
-        full = self.complete(values)
-        step = np.radians(number(full["step_deg"]))
-        if step <= 0.0:
-            return state
-        north = np.zeros(frame.size) if full["true_north"] else frame.declination
+        step = np.radians(number(values["step_deg"]))
+        north = np.zeros(frame.size) if values["true_north"] else frame.declination
         steps = HeadingSteps(np.full(frame.size, step), north, frame.ground_u, frame.ground_v)
         u, v = steps.apply(state.report_u, state.report_v)
         return replace(state, report_u=u, report_v=v)

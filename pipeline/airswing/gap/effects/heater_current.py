@@ -148,10 +148,10 @@ class HeaterCurrent(OffsetAndCycle):
             out[0] = coefficients
             return out.ravel()
         low, high = _edges(full)
-        nearest = [int(np.argmin(np.abs(np.array(EDGES, float) - edge))) for edge in (high, low)]
-        out[1 + nearest[0]] += coefficients
+        warm, cold = (int(np.argmin(np.abs(np.array(EDGES) - edge))) for edge in (high, low))
+        out[1 + warm] += coefficients
         if low > 2.0 * EDGES[-1]:
-            out[1 + nearest[1]] -= coefficients
+            out[1 + cold] -= coefficients
         return out.ravel()
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.lattices import in_steps
 from airswing.gap.effects.base import MomentEffect, Parameter, Parameters, Random, State, number
 from airswing.synthetic.sealed.draws import Draw
 
@@ -33,13 +34,8 @@ class PositionCoding(MomentEffect):
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         step = number(values["step"]) / 60.0
-        if step <= 0.0:
-            return state
-        return replace(
-            state,
-            latitude=np.clip(np.round(state.latitude / step) * step, -90.0, 90.0),
-            longitude=np.round(state.longitude / step) * step,
-        )
+        latitude = np.clip(in_steps(state.latitude, step), -90.0, 90.0)
+        return replace(state, latitude=latitude, longitude=in_steps(state.longitude, step))
 
 
 EFFECT = PositionCoding()

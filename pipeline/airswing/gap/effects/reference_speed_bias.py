@@ -38,12 +38,12 @@ def _draw_below(rng: np.random.Generator) -> dict[str, object]:
     return {"above_hPa": None, "below_hPa": float(rng.choice([600.0, 700.0, 800.0]))}
 
 
-def _at_levels(frame: pd.DataFrame, values: Mapping[str, object]) -> Booleans:
+def _at_levels(frame: pd.DataFrame | Frame, values: Mapping[str, object]) -> Booleans:
     above, below = values.get("above_hPa"), values.get("below_hPa")
-    pressure = frame["pressure"].to_numpy() / 100.0
-    low = np.inf if above is None else number(above)
-    high = -np.inf if below is None else number(below)
-    return np.asarray((pressure <= low) & (pressure >= high))
+    pressure = np.asarray(frame.pressure)
+    low = np.inf if above is None else 100.0 * number(above)
+    high = -np.inf if below is None else 100.0 * number(below)
+    return np.asarray((pressure < low) & (pressure >= high))
 
 
 class ReferenceSpeedBias(Effect):
@@ -101,12 +101,7 @@ class ReferenceSpeedBias(Effect):
                 found=bias,
                 remedy="give a bias above -100 percent",
             )
-        where = np.ones(frame.size, bool)
-        if values["above_hPa"] is not None:
-            where &= frame.pressure < 100.0 * number(values["above_hPa"])
-        if values["below_hPa"] is not None:
-            where &= frame.pressure >= 100.0 * number(values["below_hPa"])
-        factor = np.where(where, 1.0 / (1.0 + bias / 100.0), 1.0)
+        factor = np.where(_at_levels(frame, values), 1.0 / (1.0 + bias / 100.0), 1.0)
         return replace(state, wind_u=state.wind_u * factor, wind_v=state.wind_v * factor)
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
+from airswing.gap.archive.lattices import in_steps
 from airswing.gap.effects.base import MomentEffect, Parameter, Parameters, Random, State, number
 from airswing.physics.triangle import wind_components, wind_from_direction
 from airswing.synthetic.sealed.draws import Draw
@@ -42,9 +43,7 @@ class WindCoding(MomentEffect):
         speed, direction = wind_from_direction(state.report_u, state.report_v)
         step = number(values["step"]) * KNOT
         angle = np.radians(number(values["direction_step_deg"]))
-        speed = np.round(speed / step) * step if step > 0.0 else speed
-        direction = np.round(direction / angle) * angle if angle > 0.0 else direction
-        report_u, report_v = wind_components(speed, direction)
+        report_u, report_v = wind_components(in_steps(speed, step), in_steps(direction, angle))
         return replace(state, report_u=report_u, report_v=report_v)
 
 

@@ -13,6 +13,7 @@ from airswing.gap.arrays import Floats, Integers
 from airswing.gap.design import unit_vectors
 from airswing.gap.effects.base import Effect
 from airswing.gap.model.closure import Closure, is_held_out
+from airswing.gap.model.evidence import Exchange
 from airswing.gap.model.passes import Fitted
 from airswing.gap.result.schema import (
     ClosesEntry,
@@ -66,7 +67,7 @@ def assemble(
         for claim, step in zip(claims, closure.steps, strict=True)
     ]
     if fitted.exchange is not None:
-        entries.append(_exchange_entry(fitted))
+        entries.append(_exchange_entry(fitted, fitted.exchange))
     entries += unseen
     named = [entry for entry in entries if isinstance(entry, EffectEntry)]
     places = [entry for entry in entries if isinstance(entry, PlaceEntry)]
@@ -86,6 +87,7 @@ def assemble(
         # where nothing is stated the interval holds an error that could hide
         low, high = low - 0.25 * hidden, high + hidden
     named.sort(key=lambda entry: -entry.held_out_energy)
+    closed_by_name = [entry.closure.reduction if entry.closure else 0.0 for entry in named]
     gates = [claim.gate for claim in claims]
     best = max([0.0, *gates, *(entry.evidence_nats or 0.0 for entry in unseen)])
     unknown = None
@@ -105,13 +107,8 @@ def assemble(
         gap=DisagreementEntry(before, before - value, float(np.exp(-max(best, 0.0)))),
         where=[row for row in where if row.q_value < 0.05][:20],
         effects=[
-            replace(
-                entry,
-                share_of_gap=float(np.clip(entry.closure.reduction / total, 0, 1))
-                if entry.closure
-                else 0.0,
-            )
-            for entry in named
+            replace(entry, share_of_gap=float(np.clip(kt / total, 0, 1)))
+            for entry, kt in zip(named, closed_by_name, strict=True)
         ],
         unknown=UnknownEntry(bool(places), places, unknown),
         closure=ClosureEntry(
@@ -152,12 +149,9 @@ def _total(steps: Sequence[EffectClosureEntry], closure: Closure) -> tuple[float
     return value, value - below, value + above
 
 
-def _exchange_entry(fitted: Fitted) -> EffectEntry:
-    exchange = fitted.exchange
-    assert exchange is not None
-    sums = fitted.model.sums
+def _exchange_entry(fitted: Fitted, exchange: Exchange) -> EffectEntry:
     pair = [fitted.frame.tails[a] for a in exchange.pair]
-    start = np.datetime64(int(sums.days[exchange.day]), "D")
+    start = np.datetime64(int(fitted.model.sums.days[exchange.day]), "D")
     return EffectEntry(
         name="tail_swap",
         probability=probability(exchange.evidence),
@@ -229,14 +223,12 @@ def diagnosis_dataset(fitted: Fitted) -> xr.Dataset:
     out["gross_error_count"] = (("aircraft",), gross)
     evidence: dict[str, tuple[float, Floats]] = {}
     for term in fitted.terms:
-        if term.group.named:
-            inclusion = np.zeros(sums.A) if term.inclusion is None else term.inclusion
-            score, included = evidence.get(term.group.name, (-np.inf, np.zeros(sums.A)))
-            evidence[term.group.name] = max(score, term.score), np.maximum(inclusion, included)
-        for margin, name, _ in term.rivals:
-            if "|" not in name and term.score - margin > evidence.get(name, (-np.inf,))[0]:
-                included = evidence.get(name, (0.0, np.zeros(sums.A)))[1]
-                evidence[name] = term.score - margin, included
+        for margin, name, _ in [(0.0, term.group.name, term.scope), *term.rivals]:
+            score, included = evidence.get(name, (-np.inf, np.zeros(sums.A)))
+            if name == term.group.name and term.inclusion is not None:
+                included = np.maximum(term.inclusion, included)
+            if "|" not in name:
+                evidence[name] = max(score, term.score - margin), included
     best = sorted(evidence, key=lambda name: -evidence[name][0])
     out["effect"] = ("effect", np.array(best, dtype=object))
     out["log_evidence"] = ("effect", np.array([evidence[name][0] for name in best], float))

@@ -1,10 +1,7 @@
 """From a fitted model to gap.json: names, unknowns, probabilities, closure.
 
-Terms of one name and form that act on the whole archive, or from the same dates on, are one claim,
-whatever their scopes: the coefficients of an aircraft are the fleet's and its own. So are tables of
-one variable and component. The probability of a claim is ``1 / (1 + exp(-(c0 + c1 ln(1 +
-gate))))``, gate its log posterior odds with its own noise factor, times its posterior probability
-in the last contest.
+Claims and their probabilities are those of docs/gap.md, section 8; tables of one variable and
+component are one claim as well.
 """
 
 from __future__ import annotations
@@ -313,31 +310,24 @@ def table_curve(fitted: Fitted, table: Table, tails: Sequence[int], values: Floa
     edges, centres = [], []
     for name in names:
         bounds = variables[name].edges(CELLS[KINDS[name][0]][len(names) - 1])
-        edges.append([float(x) for x in bounds])
-        middle = 0.5 * (bounds[1:] + bounds[:-1])
-        if KINDS[name][0] == "category":
-            middle = np.arange(bounds.size - 1, dtype=float)
-        centres.append(middle)
+        edges.append(bounds.tolist())
+        centres.append(0.5 * (bounds[1:] + bounds[:-1]))
     functions = np.ones((1, 1))
     for curve, middle in zip(table.curves, centres, strict=True):
         functions = np.asarray(np.kron(functions, curve.functions(middle)), np.float64)
     rows = values @ functions.T
     middle = rows.mean(axis=0)
     differs = float(np.abs(rows - middle).max()) > 1e-9
-    frame_tails = fitted.frame.tails
+    per_tail = {fitted.frame.tails[a]: row.tolist() for a, row in zip(tails, rows, strict=True)}
     return CurveEntry(
         labels=_labels(names, edges),
-        m_s=[float(x) for x in middle],
+        m_s=middle.tolist(),
         unit=UNIT_OF[table.component],
         variables=names,
         variable_units=[UNITS[name] for name in names],
         edges=edges,
-        values=[float(x) for x in middle],
-        per_tail={
-            frame_tails[a]: [float(x) for x in row] for a, row in zip(tails, rows, strict=True)
-        }
-        if differs
-        else None,
+        values=middle.tolist(),
+        per_tail=per_tail if differs else None,
     )
 
 

@@ -1,10 +1,9 @@
 """Forward simulation of the reports of an archive, and removal of known effects from reports.
 
-Simulation. Positions, times and ground velocity are those of the archive. The wind met is the
-reference wind with its effects and the noise; the true air vector is the ground velocity minus this
-wind. Indicated heading and airspeed follow from the sensor effects, evaluated at the INDICATED
-magnetic heading by fixed-point iteration; the reported wind is ``V_G - V_ind h(psi_ind)``, then the
-effects of the unit, then its coding. Deviations must change by less than a degree per degree.
+Simulation (docs/gap.md, section 1). Indicated heading and airspeed follow from the sensor effects,
+evaluated at the INDICATED magnetic heading by fixed-point iteration; the reported wind is ``V_G -
+V_ind h(psi_ind)``, then the effects of the unit, then its coding. Deviations must change by less
+than a degree per degree.
 
 Removal. A unit that indicated ``psi`` and ``V`` flew ``psi - d(psi)`` at the airspeed that it would
 indicate as ``V``, and its wind differs by ``V h(psi) - V_true h(psi - d)``. Effects on the wind met
@@ -23,7 +22,7 @@ import numpy as np
 
 from airswing.errors import InputError, nearest
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.lattices import HeadingSteps
+from airswing.gap.archive.lattices import HeadingSteps, in_steps
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects import CATALOGUE, EMPIRICAL, ActiveEffect, Effect, State, effect_named
 from airswing.gap.effects.base import Parameters, missing_context
@@ -62,13 +61,8 @@ class Coding:
         if self.headings is not None:
             u, v = self.headings.apply(u, v)
         speed, direction = wind_from_direction(u, v)
-        degrees = _rounded(np.degrees(np.where(speed > 0.0, direction, 0.0)), self.direction)
-        return wind_components(_rounded(speed, self.speed), np.radians(degrees))
-
-
-def _rounded(values: Floats, step: Floats | float) -> Floats:
-    positive = np.where(np.asarray(step) > 0.0, step, 1.0)
-    return np.where(np.asarray(step) > 0.0, np.round(values / positive) * positive, values)
+        degrees = in_steps(np.degrees(np.where(speed > 0.0, direction, 0.0)), self.direction)
+        return wind_components(in_steps(speed, self.speed), np.radians(degrees))
 
 
 @dataclass(frozen=True)
