@@ -215,8 +215,6 @@ def calibrate(
     # in standard deviations; with the uniform probability integral transform
     probability = norm.cdf(values)
     score = values * (2 * probability - 1) + 2 * norm.pdf(values) - 1 / np.sqrt(np.pi)
-    bins = 20
-    where = np.clip((probability * bins).astype(np.int64), 0, bins - 1)
     entry = CalibrationEntry(
         crps_m_s=float((sd[:, None] * score).mean()),
         crps_expected_m_s=float(sd.mean() / np.sqrt(np.pi)),
@@ -226,7 +224,7 @@ def calibrate(
         auc=auc,
         auc_standard_error=auc_error,
     )
-    return entry, np.bincount(where.ravel(), minlength=bins)
+    return entry, np.histogram(probability, 20, (0.0, 1.0))[0]
 
 
 def lag_one(

@@ -322,9 +322,7 @@ def fit_noise(
         values = np.ascontiguousarray(isotropic.scale_reports(values))
     # the likelihood is evaluated about a hundred times: on about 24,000 reports of whole flights
     numbers, most = np.unique(frame.flight), 24_000
-    drawn = np.ones(numbers.size, bool)
-    if level.size > most:
-        drawn = np.random.default_rng(seed).random(numbers.size) < most / level.size
+    drawn = np.random.default_rng(seed).random(numbers.size) < most / level.size
     rows = np.flatnonzero(drawn[np.searchsorted(numbers, frame.flight)])
     flight, time = frame.flight[rows], frame.time[rows]
     distance, step = distance[rows], step[rows]

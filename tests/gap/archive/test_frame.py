@@ -210,7 +210,7 @@ def test_every_value_has_a_cell_and_edges_ascend(values, count):
     edges = variable.edges(count)
     assert (np.diff(edges) > 0).all()
     assert (edges[0], edges[-1]) == (-60.0, 60.0)
-    cells = variable.cells(edges)
+    cells = cells_of(variable.values, edges)
     assert cells.min() >= 0 and cells.max() <= edges.size - 2
 
 

@@ -1,13 +1,9 @@
 """Longitudinal acceleration at a report, estimated from all flights of the archive.
 
 The difference of the mean speeds over two chords (segments between reports) is as noisy as the
-acceleration itself. The schedule of a flight is known better from all flights together:
-
-* in climb and descent, the mean acceleration of all flights by level;
-* after levelling off, an acceleration a(t) in the time t since, common to all flights. Mean speeds
-  over chords are known integrals of a(t), from which its values at a few knots follow by least
-  squares. The time of levelling off is extrapolated from the climb rate and the remaining height;
-* elsewhere in cruise, the measured value, with the smoothing by chords removed.
+acceleration itself. In climb and descent it is replaced by the mean of all flights by level; after
+levelling off (extrapolated from the climb rate and the remaining height) by a function of the time
+since, common to all flights, of which mean speeds over chords are known integrals.
 
 The departure of a single flight from the mean is an error of Berkson's kind, which does not
 attenuate a regression (Carroll et al. 2006, Measurement Error in Nonlinear Models, ch. 1.4). SI
@@ -17,16 +13,13 @@ units.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from airswing.flags import PHASE
-from airswing.gap.arrays import Floats
+from airswing.gap.arrays import Floats, Integers
 from airswing.physics.atmosphere import altitude_from_pressure
 from airswing.physics.great_circle import central_angle
 from airswing.physics.robust_spread import robust_sd
 from airswing.physics.splines import hats
-
-Integers = NDArray[np.integer]
 
 #: Times after levelling off at which the acceleration is fitted, s; it is zero at the last.
 KNOTS = np.array([0.0, 20.0, 40.0, 65.0, 100.0, 150.0, 210.0])

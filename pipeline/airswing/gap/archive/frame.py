@@ -1,11 +1,10 @@
-"""Reports of an archive against one reference, as plain arrays in SI units and radians.
+"""Reports of an archive against one reference, as plain arrays.
 
-``latitude`` and ``longitude`` are in degrees, ``horizontal_field`` in nT. Heading and airspeed are
-the INDICATED values: direction and length of the air vector ``V_A = V_G - W_reported`` used by the
-unit. A frame contains the reports with known reported wind, reference wind and ground vector; no
-report is left out for the size of its residual (this would attenuate every effect). Variables
-absent from the headings product are NaN (or the code for unknown). Constants of the whole archive
-are kept in every subset, so that columns computed by parts agree with columns computed at once.
+Heading and airspeed are the INDICATED values: direction and length of the air vector ``V_A = V_G -
+W_reported`` used by the unit. No report is left out for the size of its residual (this would
+attenuate every effect). Variables absent from the headings product are NaN (or the code for
+unknown). Constants of the whole archive are kept in every subset, so that columns computed by parts
+agree with columns computed at once.
 """
 
 from __future__ import annotations

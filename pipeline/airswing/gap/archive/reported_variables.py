@@ -93,10 +93,6 @@ class Variable:
                 inner = _edges_upward(ordered, share / number * ordered.size, width)
         return np.asarray(np.r_[low, inner, high], np.float64)
 
-    def cells(self, edges: Floats) -> Integers:
-        """Return the cell of every report, (n,); -1 where the value is unknown."""
-        return cells_of(self.values, edges)
-
 
 def _edges_upward(ordered: Floats, least: float, width: float) -> Floats:
     """Inner edges, from the lowest up, of cells with a least width and number of reports."""
@@ -169,7 +165,7 @@ def record(frame: Frame, quiet: Frame) -> dict[str, Variable]:
         count = int(np.isfinite(variable.values).sum())
         if count == 0 or count < 0.5 * variable.values.size:
             continue
-        cells = variable.cells(variable.edges(number))
+        cells = cells_of(variable.values, variable.edges(number))
         if (np.bincount(cells[cells >= 0]) >= 30).sum() >= 2:  # thirty reports have a mean
             out[name] = variable
     return out

@@ -1,10 +1,9 @@
 """Values that come in coarser steps than a simulation sends: winds, positions, headings, times.
 
-The simulation sends winds in whole degrees and whole knots: coarser steps are an effect, also of a
-whole fleet; so are headings in steps of two degrees and more. Positions come in tenths of a minute
-of arc or finer and times in seconds; coarser steps are an effect of an aircraft, unless they are a
-format that the whole fleet uses. A value lies on a coarse lattice by chance in one of (step / base)
-cases. At least 100 reports an aircraft. Steps in knots, degrees and minutes of arc.
+Steps of winds coarser than whole degrees and knots are an effect, also of a whole fleet; so are
+headings in steps of two degrees and more. Steps of positions and times are an effect of an
+aircraft, unless they are a format that the whole fleet uses. A value lies on a coarse lattice by
+chance in one of (step / base) cases. Steps in knots, degrees and minutes of arc.
 
 Reductions by simulation extrapolation (Cook and Stefanski 1994, J. Am. Stat. Assoc. 89, 1314-1328).
 """
@@ -82,11 +81,11 @@ def wind_coding(frame: Frame) -> EffectEntry | None:
         turn, turn_share = coarsest(direction[turned], steps, base=1.0)
         if step <= 1.0 and turn <= 1.0:
             continue
-        per_tail[tail] = {"step": step if step > 1 else 1.0, "direction_step_deg": turn}
+        per_tail[tail] = {"step": step, "direction_step_deg": turn}
         value, width = (direction[index], turn) if turn > 1 else (speed[index], step)
         evidence.append(against_chance(value.size, *_on_lattice(value, width, base=1.0)))
         # nearly all on the lattice: coded so from the first report on, else it began later
-        if min(share if step > 1 else 1.0, turn_share if turn > 1 else 1.0) < 0.9:
+        if min(share, turn_share) < 0.9:
             start.append(_change_time(value, width, frame.time[index]))
     if not per_tail:
         return None

@@ -64,14 +64,13 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
     return effect_of("outliers", per_tail, evidence, errors={"fraction": error})
 
 
-def simulated_rate(frame: Frame, noise: NoiseFit, *, seed: int = 0) -> Floats:
+def simulated_rate(frame: Frame, noise: NoiseFit) -> Floats:
     """Share of each aircraft's reports that are marked without any gross error, (aircraft,).
 
-    It is that of reports of the same paths with the same noise and coding, with the effects of
-    coarse coding and of sparse neighbours. The mean of the fleet is the least share of an aircraft,
-    whose marks are few; headings in coarse steps jump at turns and are counted separately.
+    The mean of the fleet is the least share of an aircraft, whose marks are few; headings in coarse
+    steps jump at turns and are counted separately.
     """
-    rng, coding = np.random.default_rng(seed), Coding.as_found(frame)
+    rng, coding = np.random.default_rng(0), Coding.as_found(frame)
     fleet = len(frame.tails)
     hits = np.zeros(fleet)
     draws = 2

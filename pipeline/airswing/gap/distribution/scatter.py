@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.reported_variables import KINDS, UNITS, Variable
+from airswing.gap.archive.reported_variables import KINDS, UNITS, Variable, cells_of
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.design import heading_doubt
 from airswing.gap.distribution.entries import LEAST_LEFT, mean_reduction, place_of
@@ -142,9 +142,14 @@ def _mean_by_bank(frame: Frame, y: Floats, valid: Booleans) -> Floats:
     bank = np.abs(np.degrees(np.nan_to_num(frame.bank)))
     edges = np.unique(np.quantile(bank[valid], np.linspace(0, 1, 13)[1:-1]))
     cell = np.searchsorted(edges, bank)
-    count = np.bincount(cell[valid], minlength=edges.size + 1)
-    total = np.bincount(cell[valid], y[valid], minlength=edges.size + 1)
+    count, total = _sums(cell, y, valid, edges.size + 1)
     return np.asarray((total / np.maximum(count, 1))[cell])
+
+
+def _sums(key: Integers, y: Floats, used: Booleans, number: int) -> tuple[Floats, Floats]:
+    """Count and sum of the values in use by key, (number,)."""
+    total = np.bincount(key[used], y[used], minlength=number)
+    return np.bincount(key[used], minlength=number).astype(np.float64), total
 
 
 def _statistics(
@@ -191,16 +196,12 @@ def _by_variable(
     y = excess.logs
     edges = variable.edges(24 if KINDS[variable.name][0] != "category" else 3)
     selected = np.isin(frame.aircraft, candidate.tails) & np.isfinite(y)
-    cell = variable.cells(edges)
+    cell = cells_of(variable.values, edges)
     selected &= cell >= 0
     even = frame.day % 2 == 0
-
-    def sums_by_cell(reports: Booleans) -> tuple[Floats, Floats]:
-        number = edges.size - 1
-        count = np.bincount(cell[reports], minlength=number).astype(np.float64)
-        return count, np.asarray(np.bincount(cell[reports], y[reports], minlength=number))
-
-    (count, total), (count_even, total_even) = sums_by_cell(selected), sums_by_cell(selected & even)
+    (count, total), (count_even, total_even) = (
+        _sums(cell, y, reports, edges.size - 1) for reports in (selected, selected & even)
+    )
     used = np.flatnonzero((count >= 30) & (count_even > 0) & (count_even < count))
     if used.size < 2:
         return None
@@ -239,8 +240,7 @@ def _by_aircraft(
 ) -> PlaceEntry | None:
     y = excess.logs
     valid = np.isfinite(y)
-    count = np.bincount(frame.aircraft[valid], minlength=len(frame.tails))
-    total = np.bincount(frame.aircraft[valid], y[valid], minlength=len(frame.tails))
+    count, total = _sums(frame.aircraft, y, valid, len(frame.tails))
     used = np.flatnonzero(count >= LEAST_REPORTS)
     if used.size < 5:  # too few for a usual spread
         return None

@@ -17,7 +17,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.lattices import DirectionLattice, direction_lattice
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.distribution.entries import closes, place_of
-from airswing.gap.effects.empirical import mapped_speed
+from airswing.gap.effects.empirical import speed_ratio
 from airswing.gap.model.sums import GATE, days_of
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, PlaceEntry, StepsEntry
 from airswing.gap.simulation.forward import Coding
@@ -60,14 +60,13 @@ def contrasts(real: Floats, simulated: Floats, periodic: bool) -> tuple[Floats, 
     else:
         design = np.polynomial.legendre.legvander(2 * x / max(k - 1, 1) - 1, min(6, k - 1))
     ratio = np.log((total + 1) / (expected + 1))
-    weight = np.sqrt(np.where(used, expected, 0.0))
+    weight = usual = np.sqrt(np.where(used, expected, 0.0))
     contrast = ratio
     for _ in range(8):  # cells far off must not bend the smooth ratio
         smooth = design @ np.linalg.lstsq(design * weight[:, None], ratio * weight, rcond=None)[0]
         contrast = ratio - smooth
         spread = 1.48 * np.median(np.abs(contrast[used])) + 1e-3 if used.any() else 1.0
-        weight = np.sqrt(np.where(used, expected, 0.0))
-        weight = weight * np.minimum(1, 2 * spread / np.maximum(np.abs(contrast), 1e-9))
+        weight = usual * np.minimum(1, 2 * spread / np.maximum(np.abs(contrast), 1e-9))
     differences = real - simulated * np.exp(np.clip(smooth, -5.0, 5.0))
     z = differences.sum(axis=0) / np.sqrt((differences**2).sum(axis=0) + 1)
     return np.where(used, z, 0.0), np.where(used, contrast, 0.0)
@@ -136,7 +135,8 @@ def find_sent_winds(
     if name == "wind_speed" and (speeds != sent).any():
         component = "reported_speed"
         rms = float(np.sqrt(np.mean((sent - speeds) ** 2)))
-        sent_instead = [_with_speeds(wind, speeds, sent) for wind in drawn]
+        ratios = [speed_ratio(np.hypot(*wind.T), speeds, sent) for wind in drawn]
+        sent_instead = [wind * ratio[:, None] for wind, ratio in zip(drawn, ratios, strict=True)]
         closure = _closure(frame, drawn, sent_instead, rows, day)
         curve = CurveEntry(
             [f"{speed:.3g}" for speed in speeds],
@@ -179,11 +179,6 @@ def _speed_map(real: Floats, drawn: list[Floats], rows: Booleans) -> tuple[Float
     sent = np.maximum.accumulate(np.where(same, speeds, sent))
     speeds = np.maximum.accumulate(speeds + 1e-6 * np.arange(levels.size))
     return speeds, np.where(same, speeds, sent)
-
-
-def _with_speeds(wind: Floats, speeds: Floats, sent: Floats) -> Floats:
-    speed = np.hypot(*wind.T)
-    return np.asarray(wind * (mapped_speed(speed, speeds, sent) / np.maximum(speed, 1e-6))[:, None])
 
 
 def _on_lattice(wind: Floats, grid: DirectionLattice) -> Floats:

@@ -121,8 +121,7 @@ class Empirical(MomentEffect):
         table = Table.from_parameters(values)
         before = u, v = state.report_u, state.report_v
         if table.component == "reported_speed":
-            speed = np.hypot(u, v)
-            sent = mapped_speed(speed, table.edges[0], table.values) / np.maximum(speed, 1e-6)
+            sent = speed_ratio(np.hypot(u, v), table.edges[0], table.values)
             return replace(state, report_u=sent * u, report_v=sent * v)
         heading = _heading(frame, before)
         if table.component == "scatter":
@@ -197,10 +196,10 @@ def change_of(component: str, *, heading: Floats, airspeed: Floats, u: Floats, v
     return np.divide(vector, speed, out=np.zeros_like(wind), where=speed > 0.1)
 
 
-def mapped_speed(speed: Floats, speeds: Floats, sent: Floats) -> Floats:
-    """Map speeds by points (m,) to those sent: linear between, shifted beyond the last."""
-    inside = np.interp(speed, speeds, sent)
-    return np.asarray(np.maximum(inside + np.maximum(speed - speeds[-1], 0.0), 0.0))
+def speed_ratio(speed: Floats, speeds: Floats, sent: Floats) -> Floats:
+    """Ratio of sent speeds to speeds, by points (m,): linear between, shifted beyond the last."""
+    mapped = np.interp(speed, speeds, sent) + np.maximum(speed - speeds[-1], 0.0)
+    return np.asarray(np.maximum(mapped, 0.0) / np.maximum(speed, 1e-6))
 
 
 def _heading(frame: Frame, wind: Wind) -> Floats:

@@ -276,7 +276,6 @@ def residual_maps(frame: Frame) -> xr.Dataset:
     # a heading error turns the air vector: across the heading it is V times the angle, and opposite
     degrees = -np.degrees(across / np.maximum(frame.airspeed, 1.0))
     octant = np.mod(np.round(np.degrees(frame.magnetic_heading) / 45.0).astype(np.int64), 8)
-    count = len(frame.tails)
     week = np.floor((frame.time - frame.epoch) / (7 * DAY)).astype(np.int64)
     weeks = int(week.max()) + 1
     # hPa: layers a turboprop climbs through; few reports are from above 400
@@ -287,23 +286,6 @@ def residual_maps(frame: Frame) -> xr.Dataset:
     lon = np.linspace(frame.longitude.min(), frame.longitude.max() + 1e-6, 11)
     box = (np.searchsorted(lat, frame.latitude, "right") - 1) * 10
     box = box + np.searchsorted(lon, frame.longitude, "right") - 1
-    out: dict[str, tuple[tuple[str, ...], Floats]] = {}
-
-    def put(
-        name: str, dims: tuple[str, ...], shape: tuple[int, ...], value: Floats, key: Integers
-    ) -> None:
-        mean, error = binned(value, key, frame.flight, int(np.prod(shape)))
-        out[name] = (dims, mean.reshape(shape))
-        out[f"{name}_standard_error"] = (dims, error.reshape(shape))
-
-    weekly = frame.aircraft * weeks + week
-    put("heading_map", ("aircraft", "octant"), (count, 8), degrees, frame.aircraft * 8 + octant)
-    put("level_map_cross", ("phase", "level"), (4, 6), across, frame.phase * 6 + level)
-    put("level_map_along", ("phase", "level"), (4, 6), parallel, frame.phase * 6 + level)
-    put("region_map_u", ("latitude", "longitude"), (8, 10), frame.residual[:, 0], box)
-    put("region_map_v", ("latitude", "longitude"), (8, 10), frame.residual[:, 1], box)
-    put("time_line", ("aircraft", "week"), (count, weeks), degrees, weekly)
-    put("time_line_along", ("aircraft", "week"), (count, weeks), parallel, weekly)
     coords = {
         "aircraft": np.array(list(frame.tails), dtype=object),
         "octant": np.arange(8) * 45.0,
@@ -313,4 +295,20 @@ def residual_maps(frame: Frame) -> xr.Dataset:
         "longitude": 0.5 * (lon[1:] + lon[:-1]),
         "week": np.arange(weeks),
     }
-    return xr.Dataset(out, coords=coords)
+    out = xr.Dataset(coords=coords)
+
+    def put(name: str, dims: tuple[str, str], value: Floats, key: Integers) -> None:
+        shape = out.sizes[dims[0]], out.sizes[dims[1]]
+        mean, error = binned(value, key, frame.flight, shape[0] * shape[1])
+        out[name] = (dims, mean.reshape(shape))
+        out[f"{name}_standard_error"] = (dims, error.reshape(shape))
+
+    weekly = frame.aircraft * weeks + week
+    put("heading_map", ("aircraft", "octant"), degrees, frame.aircraft * 8 + octant)
+    put("level_map_cross", ("phase", "level"), across, frame.phase * 6 + level)
+    put("level_map_along", ("phase", "level"), parallel, frame.phase * 6 + level)
+    put("region_map_u", ("latitude", "longitude"), frame.residual[:, 0], box)
+    put("region_map_v", ("latitude", "longitude"), frame.residual[:, 1], box)
+    put("time_line", ("aircraft", "week"), degrees, weekly)
+    put("time_line_along", ("aircraft", "week"), parallel, weekly)
+    return out

@@ -247,14 +247,13 @@ def _of_effect(effect: EffectEntry, reference: str | None) -> list[dict[str, obj
     # of a pool, of which one member alone may have the effect
     against_all = (effect.by_reference or {}).get(reference or "", effect)
     entry = {"name": effect.name, "period": effect.period}
-    if effect.per_tail:
-        return [
-            entry
-            | {"tails": tail, "parameters": row.parameters}
-            | ({"period": row.period} if row.period else {})
-            for tail, row in effect.per_tail.items()
-        ]
-    return [entry | {"tails": who, "parameters": against_all.parameters}]
+    if not effect.per_tail:
+        return [entry | {"tails": who, "parameters": against_all.parameters}]
+    return [
+        {"name": effect.name, "period": row.period or effect.period}
+        | {"tails": tail, "parameters": row.parameters}
+        for tail, row in effect.per_tail.items()
+    ]
 
 
 def _of_place(place: PlaceEntry) -> list[dict[str, object]]:
@@ -278,9 +277,8 @@ def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -
     """Effects found less those of scatter that were known; one known on some aircraft is kept."""
     out = []
     for entry in entries:
-        kind = CATALOGUE[entry.name].kind if entry.name in CATALOGUE else "mean"
         same = [active for active in effects if active.name == entry.name]
-        if kind != "second_moment" or not same:
+        if CATALOGUE[entry.name].kind != "second_moment" or not same:
             out.append(entry)
             continue
         known_tails = {tail for active in same for tail in active.tails or entry.tails}

@@ -152,8 +152,8 @@ def write_reports(table: pd.DataFrame, path: Path | str) -> Path:
             text = np.datetime_as_string(stamps, "s" if in_seconds else "ms")
             table = table.assign(time=[f"{stamp}Z" for stamp in text])
             table.to_csv(temporary, index=False, lineterminator="\n")
-            return path
-        table.to_parquet(temporary, index=False)
+        else:
+            table.to_parquet(temporary, index=False)
     return path
 
 
@@ -174,8 +174,7 @@ class Matched:
     @property
     def same_paths(self) -> bool:
         """Whether the simulation follows the paths of the archive."""
-        number = int(self.found.sum())
-        return number >= 200 and number >= 0.5 * self.found.size
+        return bool(self.found.sum() >= max(200, 0.5 * self.found.size))
 
 
 def match_reports(frame: Frame, simulated: xr.Dataset) -> Matched:
