@@ -210,9 +210,8 @@ def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tu
     """Return the values (n, 2) minus their expectation given all other reports of the flight.
 
     With V the covariance of a flight's errors, the error of report i given all others is [V^-1 r]_i
-    / [V^-1]_ii, with variance 1 / [V^-1]_ii. It is computed in linear time by the whitening
-    recursion and its adjoint, which runs backward along the flight. Errors (n, 2) and precision
-    (n,), the inverse variance as mean over directions, are 0 at masked reports.
+    / [V^-1]_ii, with variance 1 / [V^-1]_ii. Errors (n, 2) and precision (n,), the inverse variance
+    as mean over directions, are 0 at masked reports.
     """
     white = np.asarray(whiten(values, order, gains), np.float64)
     score, precision = weighted_scores(white, order, gains)

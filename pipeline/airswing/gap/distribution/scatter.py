@@ -148,8 +148,8 @@ def _mean_by_bank(frame: Frame, y: Floats, valid: Booleans) -> Floats:
 
 def _sums(key: Integers, y: Floats, used: Booleans, number: int) -> tuple[Floats, Floats]:
     """Count and sum of the values in use by key, (number,)."""
-    total = np.bincount(key[used], y[used], minlength=number)
-    return np.bincount(key[used], minlength=number).astype(np.float64), total
+    count = np.bincount(key[used], minlength=number).astype(np.float64)
+    return count, np.asarray(np.bincount(key[used], y[used], minlength=number), np.float64)
 
 
 def _statistics(

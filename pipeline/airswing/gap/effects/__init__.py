@@ -1,7 +1,4 @@
-"""Catalogue of effects: every module of this folder that defines an ``EFFECT``.
-
-An effect is added by a file in this folder with an ``EFFECT``, or by a call of `register`.
-"""
+"""Catalogue of effects: the ``EFFECT`` of every module of this folder, and those of `register`."""
 
 import importlib
 import pkgutil

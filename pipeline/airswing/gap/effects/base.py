@@ -185,11 +185,8 @@ class Effect(ABC):
 
     def testable(self, frame: Frame) -> str | None:
         """Return the reason why the effect cannot be tested on these reports, or None."""
-        for name in self.needs:
-            reason = missing_context(frame, name)
-            if reason is not None:
-                return reason
-        return None
+        reasons = (missing_context(frame, name) for name in self.needs)
+        return next((reason for reason in reasons if reason is not None), None)
 
     def complete(self, values: Mapping[str, object]) -> Parameters:
         """Complete parameters by their defaults; InputError for an unknown or absent one."""

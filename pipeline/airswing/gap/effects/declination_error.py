@@ -153,11 +153,9 @@ def _change_at_nodes(
 
 
 def _secular_patterns(frame: Frame) -> Floats:
-    """Return secular variation and its curvature, (2, n) rad per year.
+    """Secular variation over ten years, and that over forty minus it, (2, n) rad per year.
 
-    The first is the change over ten years divided by ten, the second the mean yearly change over
-    forty years minus the first. The first alone leaves a sixth of the error of a table that is
-    forty years old, since the secular variation changes.
+    Without the second a sixth of the error of a table that is forty years old remains.
     """
     recent = declination_change(frame, years=10.0) / 10.0
     return np.stack([recent, declination_change(frame, years=40.0) / 40.0 - recent])

@@ -43,7 +43,6 @@ class HardIron(CycleEffect):
         "vertical soft iron: one cycle proportional to tan(dip), equal within one region",
         "soft_iron: where headings lie in two lobes",
     )
-
     column_scales = np.radians([2.5, 2.5])
 
     def basis(self, frame: Frame) -> Floats:

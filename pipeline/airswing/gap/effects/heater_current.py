@@ -106,9 +106,8 @@ class HeaterCurrent(OffsetAndCycle):
         reason = super().testable(frame)
         if reason is not None:
             return reason
-        flag = frame.icing[frame.icing >= 0]
-        sides = [_colder(frame, edge) for edge in EDGES]
-        if (flag.size and np.ptp(flag) > 0) or any(np.ptp(side) > 0 for side in sides):
+        by_flag = missing_context(frame, "icing") is None
+        if by_flag or any(np.ptp(_colder(frame, edge)) > 0 for edge in EDGES):
             return None
         return "no icing flag that changes and no temperature on both sides of freezing"
 

@@ -295,10 +295,10 @@ def residual_maps(frame: Frame) -> xr.Dataset:
         "longitude": 0.5 * (lon[1:] + lon[:-1]),
         "week": np.arange(weeks),
     }
-    out = xr.Dataset(coords=coords)
+    out: dict[str, tuple[tuple[str, str], Floats]] = {}
 
     def put(name: str, dims: tuple[str, str], value: Floats, key: Integers) -> None:
-        shape = out.sizes[dims[0]], out.sizes[dims[1]]
+        shape = len(coords[dims[0]]), len(coords[dims[1]])
         mean, error = binned(value, key, frame.flight, shape[0] * shape[1])
         out[name] = (dims, mean.reshape(shape))
         out[f"{name}_standard_error"] = (dims, error.reshape(shape))
@@ -311,4 +311,4 @@ def residual_maps(frame: Frame) -> xr.Dataset:
     put("region_map_v", ("latitude", "longitude"), frame.residual[:, 1], box)
     put("time_line", ("aircraft", "week"), degrees, weekly)
     put("time_line_along", ("aircraft", "week"), parallel, weekly)
-    return out
+    return xr.Dataset(out, coords=coords)

@@ -31,8 +31,7 @@ from airswing.quantities import quantity
 # ------------------------------------------------------------------------------------- reading
 def read_effects(path: Path | str) -> list[ActiveEffect]:
     """Read the effects of a YAML file, with numbers in the units of the catalogue."""
-    path = Path(path)
-    return parse_effects(load_yaml(path), file=path)
+    return parse_effects(load_yaml(Path(path)), file=path)
 
 
 def read_known(path: Path | str, *, reference: str) -> list[ActiveEffect]:
@@ -277,8 +276,9 @@ def not_known(entries: Sequence[EffectEntry], effects: Sequence[ActiveEffect]) -
     """Effects found less those of scatter that were known; one known on some aircraft is kept."""
     out = []
     for entry in entries:
+        kind = CATALOGUE[entry.name].kind if entry.name in CATALOGUE else "mean"
         same = [active for active in effects if active.name == entry.name]
-        if CATALOGUE[entry.name].kind != "second_moment" or not same:
+        if kind != "second_moment" or not same:
             out.append(entry)
             continue
         known_tails = {tail for active in same for tail in active.tails or entry.tails}
