@@ -22,7 +22,7 @@ from airswing.gap.noise import weighted_scores
 
 #: Knots of each variable in tables that enter the contest, and in final ones.
 COARSE, FINE = 4, 7
-#: Pairs that become tables.
+#: Pairs that become tables: as many, of 16 to 25 columns, as `sums.SPARE` columns hold.
 PAIRS = 20
 
 
