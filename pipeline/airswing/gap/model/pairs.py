@@ -77,7 +77,7 @@ def _evidence(model: Model, functions: Floats) -> Floats:
     """Log evidence of products of functions (n, k), (components, aircraft + 1, k, k).
 
     The first is that of all aircraft together. With scores s_t of T periods that scatter about
-    their share of the sum, it is that of a Gaussian mean with unknown variance.
+    their share of the sum, it is that of a Gaussian mean with unknby_period variance.
     """
     sums, candidates = model.sums, model.sums.candidates
     white: Floats = np.empty((sums.n, 2))
@@ -85,43 +85,36 @@ def _evidence(model: Model, functions: Floats) -> Floats:
     score, _ = weighted_scores(white, sums.noise.order, sums.noise.gains)
     if sums.noise.gains.direction is not None:
         score = np.asarray(sums.noise.gains.direction.scale_reports(score))
-    at, wind = candidates.context, candidates.wind
-    scores = np.stack(
-        [
-            (
-                score
-                * change_of(c, heading=at.heading, airspeed=at.airspeed, u=wind[:, 0], v=wind[:, 1])
-            ).sum(axis=1)
-            for c in COMPONENTS
-        ]
-    )[:, sums.order]
+    at, (u, v) = candidates.context, candidates.wind.T
+    units = (change_of(c, heading=at.heading, airspeed=at.airspeed, u=u, v=v) for c in COMPONENTS)
+    scores = np.stack([(score * unit).sum(axis=1)[sums.order] for unit in units])
     functions = functions[sums.order]
     k = functions.shape[1]
     fleet = np.zeros((sums.T, len(COMPONENTS), k, k))
     count = np.zeros((sums.A, sums.T))
     out = np.zeros((len(COMPONENTS), sums.A + 1, k, k))
     for a, cells in itertools.groupby(sums.cells, key=lambda cell: cell[0]):
-        own = np.zeros_like(fleet)
+        by_period = np.zeros_like(fleet)
         for _, d, span in cells:
             rows = slice(span.start // 2, span.stop // 2)
             f, t = functions[rows], sums.stretch[d]
             count[a, t] += len(f)
             for c, s in enumerate(scores[:, rows]):
-                own[t, c] += (f * s[:, None]).T @ f
-        fleet += own
-        out[:, a + 1] = _mean_evidence(own, count[a])
+                by_period[t, c] += (f * s[:, None]).T @ f
+        fleet += by_period
+        out[:, a + 1] = _mean_evidence(by_period, count[a])
     out[:, 0] = _mean_evidence(fleet, count.sum(axis=0))
     return out
 
 
 def _mean_evidence(scores: Floats, count: Floats) -> Floats:
     """Log evidence of sums of scores (T, ...) of periods with numbers of reports (T,)."""
-    flown = count > 0
-    number = int(flown.sum())
+    flby_period = count > 0
+    number = int(flby_period.sum())
     if number < 3:
         return np.zeros(scores.shape[1:])
-    share = (count[flown] / count.sum()).reshape(-1, *[1] * (scores.ndim - 1))
+    share = (count[flby_period] / count.sum()).reshape(-1, *[1] * (scores.ndim - 1))
     total = scores.sum(axis=0)
-    scatter = ((scores[flown] - share * total) ** 2).sum(axis=0) * number / (number - 1)
+    scatter = ((scores[flby_period] - share * total) ** 2).sum(axis=0) * number / (number - 1)
     ratio = total**2 / np.maximum(scatter, 1e-30)
     return np.asarray(0.5 * number * np.log1p(ratio / (number - 1)))
