@@ -77,7 +77,7 @@ def _evidence(model: Model, functions: Floats) -> Floats:
     """Log evidence of products of functions (n, k), (components, aircraft + 1, k, k).
 
     The first is that of all aircraft together. With scores s_t of T periods that scatter about
-    their share of the sum, it is that of a Gaussian mean with unknby_period variance.
+    their share of the sum, it is that of a Gaussian mean with unknown variance.
     """
     sums, candidates = model.sums, model.sums.candidates
     white: Floats = np.empty((sums.n, 2))
@@ -109,12 +109,12 @@ def _evidence(model: Model, functions: Floats) -> Floats:
 
 def _mean_evidence(scores: Floats, count: Floats) -> Floats:
     """Log evidence of sums of scores (T, ...) of periods with numbers of reports (T,)."""
-    flby_period = count > 0
-    number = int(flby_period.sum())
+    flown = count > 0
+    number = int(flown.sum())
     if number < 3:
         return np.zeros(scores.shape[1:])
-    share = (count[flby_period] / count.sum()).reshape(-1, *[1] * (scores.ndim - 1))
+    share = (count[flown] / count.sum()).reshape(-1, *[1] * (scores.ndim - 1))
     total = scores.sum(axis=0)
-    scatter = ((scores[flby_period] - share * total) ** 2).sum(axis=0) * number / (number - 1)
+    scatter = ((scores[flown] - share * total) ** 2).sum(axis=0) * number / (number - 1)
     ratio = total**2 / np.maximum(scatter, 1e-30)
     return np.asarray(0.5 * number * np.log1p(ratio / (number - 1)))
