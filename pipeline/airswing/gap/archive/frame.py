@@ -204,9 +204,6 @@ class Frame:
         reference: str | Sequence[str],
         phases: Sequence[str] = ("ascent", "cruise", "descent"),
         excluded: Sequence[str] = ("temperature_qc", "wind_qc", "ground_speed"),
-        epoch: float | None = None,
-        reference_field: float | None = None,
-        meridian: float | None = None,
     ) -> Frame:
         """Build a frame from a headings Dataset.
 
@@ -222,12 +219,6 @@ class Frame:
         excluded : sequence of str
             Names of screening bits whose reports are left out; by default those of bad quality
             and those without a heading.
-        epoch, reference_field : float, optional
-            Constants of the whole archive (s since 1970, nT), required when `ds` is a part of it;
-            by default computed from `ds`.
-        meridian : float, optional
-            Middle longitude of the whole archive, degrees. Longitudes are continuous within 180
-            degrees of it, also across the antimeridian. By default that of `ds`.
 
         Returns
         -------
@@ -241,7 +232,7 @@ class Frame:
         for name in phases:
             if name not in PHASE:
                 raise InputError("unknown phase", found=name, remedy=f"one of {', '.join(PHASE)}")
-        tails, values, screening = _read_columns(ds, reference, meridian)
+        tails, values, screening = _read_columns(ds, reference)
         codes = [PHASE[name] for name in phases]
         keep = np.isin(values["phase"], [*codes, PHASE["unknown"]] if "cruise" in phases else codes)
         keep &= (screening & sum(SCREENING[name] for name in excluded)) == 0
@@ -260,14 +251,13 @@ class Frame:
         # computed from the kept reports only, since it depends on neighbours
         motion = ("acceleration", "pressure", "phase", "flight", "time", "latitude", "longitude")
         values["acceleration"] = acceleration_at_reports(*(values[name] for name in motion))
-        if epoch is None:  # drifts are counted from the first report in use
-            epoch = float(values["time"].min())
-        if reference_field is None:
-            field = values["horizontal_field"][np.isfinite(values["horizontal_field"])]
-            # 20000 nT, usual in middle latitudes, for an archive without magnetic data
-            reference_field = float(np.median(field)) if field.size else 20000.0
+        field = values["horizontal_field"][np.isfinite(values["horizontal_field"])]
         return cls(
-            tails=tails, epoch=float(epoch), reference_field=float(reference_field), **values
+            tails=tails,
+            epoch=float(values["time"].min()),  # drifts are counted from the first report in use
+            # 20000 nT, usual in middle latitudes, for an archive without magnetic data
+            reference_field=float(np.median(field)) if field.size else 20000.0,
+            **values,
         )
 
 
@@ -277,7 +267,7 @@ REPORT_FIELDS = tuple(f.name for f in fields(Frame) if f.name not in _CONSTANTS)
 
 
 def _read_columns(
-    ds: xr.Dataset, reference: str | Sequence[str], meridian: float | None
+    ds: xr.Dataset, reference: str | Sequence[str]
 ) -> tuple[tuple[str, ...], Columns, Integers]:
     names = [str(name) for name in np.atleast_1d(ds["reference"].values)]
     wanted = [reference] if isinstance(reference, str) else list(reference)
@@ -308,9 +298,8 @@ def _read_columns(
             column = np.asarray(ds[name].values, dtype=np.float64)
         values[field] = np.radians(column) if field in _ANGLES else column
     longitude = values["longitude"]
-    if meridian is None:  # direction of the mean of the longitudes as unit vectors
-        angle_sum = np.nansum(np.exp(1j * np.radians(longitude)))
-        meridian = float(np.degrees(np.angle(angle_sum)))
+    # continuous within 180 degrees of the direction of their mean as unit vectors
+    meridian = float(np.degrees(np.angle(np.nansum(np.exp(1j * np.radians(longitude))))))
     east = longitude - meridian
     values["longitude"] = np.where(np.abs(east) > 180.0, meridian + wrap_degrees(east), longitude)
     place = {name: values[name] for name in ("latitude", "longitude")}
