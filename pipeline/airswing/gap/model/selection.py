@@ -382,7 +382,7 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
             model.condition(rest)
             pairs = add_pairs(model) if len(term.group.variables) == 2 else []
             ranking = contest(model, rest, screen(model))
-            if ranking and term.group.refined:
+            if ranking and term.group.refined and not ranking[0].group.named:
                 # other tables are refined only after they have won
                 now = replace(_rescored(model, rest, term), rivals=term.rivals)
                 ranking = sorted([*ranking, now], key=lambda t: -t.score)
