@@ -7,13 +7,10 @@ and every report that has them is corrected. On request the airspeed scale s is 
 V_A / (1 + s). The one-cycle part of the curve (B, C) is proportional to the inverse of the
 horizontal field and is scaled to that of every report where it is known; a table is not.
 
-*Table.* The firmware holds one number a node at indicated magnetic headings 0, 45, ... 315 degrees
-and interpolates linearly between them. The best table is not the curve at its nodes (which
-multiplies harmonic k by sinc^2(k/8): 0.950, 0.811) but the least-squares projection of the curve on
-that piecewise-linear basis, weighted by the headings that the aircraft flies and a small even
-weight. ``subtract_error``: the table holds the degrees to ADD to the indicated heading, minus the
-heading error, as a navigator's deviation card does (east positive = magnetic - compass).
-``add_error``: the table holds the heading error itself, which the unit subtracts.
+*Table.* The projection of docs/method.md ("The correction table"), weighted by the headings that
+the aircraft flies and a small even weight. ``subtract_error``: degrees to ADD to the indicated
+heading, as on a navigator's deviation card (east positive = magnetic - compass); ``add_error``: the
+heading error itself, which the unit subtracts.
 
 *Standard error* of the corrected wind vector relative to the report of an aircraft without compass
 error. The correction adds V (e^(-i delta) - 1) along the heading, of length V delta. Its errors are

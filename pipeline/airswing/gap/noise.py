@@ -1,13 +1,11 @@
 """Noise of the wind residual along flights: model, fit, and exact whitening.
 
 The model is that of docs/gap.md, section 2; the level factor g is piecewise linear in ln p and has
-mean square 1 over the reports. Smooth functions of heading are removed first for each aircraft.
-Gross errors are single reports that differ from *both* neighbours: a screening on the size of the
-residual would also remove the effects that the diagnosis looks for.
+mean square 1. Gross errors are single reports that differ from *both* neighbours: a screening on
+the size of the residual would remove effects.
 
-The Kalman recursion of one state is the exact Cholesky whitening in linear time. The gains depend
-on the geometry alone, so that one recursion whitens residuals and design columns. The work is
-vectorised over flights, in a loop over the position of a report in its flight.
+The Kalman recursion of one state is the exact Cholesky whitening in linear time, vectorised over
+flights.
 
 Source: Jones (1980), Technometrics 22, 389-395 (state space form of an Ornstein-Uhlenbeck process
 with white noise, maximum likelihood); de Jong (1988), Biometrika 75, 594-600 (backward recursion of

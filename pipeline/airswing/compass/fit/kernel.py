@@ -1,16 +1,9 @@
 """Robust joint fit of one aircraft's deviation against one reference or a pool of references.
 
-The reference wind is the true wind plus a bias b and noise; the reported airspeed is (1 + s) times
-the true one; the indicated heading psi is the true heading plus the deviation
-``delta(m) = A + g (B sin m + C cos m) + D sin 2m + E cos 2m``, with m the indicated magnetic
-heading and g the aircraft's mean horizontal field over the field at the report. The air vector
-that the reference implies is then, exactly,
-
-    V'_A = V (1 - s) h(psi - delta(m)) - b + noise,    h(x) = (sin x, cos x) in (east, north).
-
-The noise is added to V'_A and does not enter psi, m or V, so that least squares on this vector
-equation has no bias, however large delta is. Residuals are resolved along and across the fitted
-true heading, with a variance each. Each member of a pool has a bias and variances.
+The equation V'_A = V (1 - s) h(psi - delta(m)) - b + noise and its symbols are those of
+docs/method.md ("The deviation"). The noise does not enter psi, m or V, so that least squares has no
+bias, however large delta is. Residuals are resolved along and across the fitted true heading, with
+a variance each. Each member of a pool has a bias and variances.
 
 The fit takes Gauss-Newton steps with Tukey's weights of the standardised vector residual: gross
 errors have weight zero. The variances are computed from medians of the residuals at each step until

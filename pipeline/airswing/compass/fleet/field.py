@@ -1,12 +1,9 @@
 """Error of the reference wind that a fleet shows: a field, its basis and its precision by segment.
 
-The error of the reference wind is a smooth field common to all aircraft in it: a part that lasts
-over the archive (hat functions in latitude, longitude and ln p) and a part that changes every six
-hours (hat functions about 400 km apart). Both are Gaussian random effects with variances estimated
-from the data, so that a reference without error leaves the fits unchanged. A flight has in addition
-an error common to a *piece* of it, an error of each block of some 200 km, and white noise. The
-deviation of an aircraft depends on its heading and not on the place, the field on the place and not
-on the heading, which separates the two.
+The random effects are those of docs/method.md ("Errors of the reference"): the lasting part of the
+field consists of hat functions in latitude, longitude and ln p, the passing part of hat functions
+about 400 km apart. The deviation of an aircraft depends on its heading and not on the place, the
+field on the place and not on the heading, which separates the two.
 
 A passing part of more than `MOST_NODES` nodes is divided into regions: within a segment, blocks of
 different regions are taken as independent. The borders move from one segment to the next, so that

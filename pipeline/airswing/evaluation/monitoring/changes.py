@@ -1,16 +1,11 @@
 """Changes of compasses within an archive, and fits by calendar window.
 
-Assumes that a change is a step of A to E from one day to the next. The test is the nightly one
-(:mod:`airswing.evaluation.monitoring.fleet_watch`), but with all days before and after a date. An
-archive is divided at the most likely date, and each part again. A likelihood ratio exceeds exp(c)
-with probability exp(-c) at most where there is no step; a change is stated where the expected
-number of false ones in the fleet is at most :data:`FALSE_CHANGES`.
-
-The test works on a normal matrix and a right side of each aircraft and day. Each report gives two
-equations, across and along the indicated heading, in the unknowns :data:`UNKNOWNS`. The third and
-fourth harmonics absorb the residual of A to E, which looks like a change when an aircraft flies
-other headings. The reference's error is common to the reports of a flight: each flight has a bias,
-a random effect that is eliminated. Dates are days, UTC; angles in degrees in the results.
+The test is the nightly one (:mod:`airswing.evaluation.monitoring.fleet_watch`; docs/method.md,
+"Changes of a compass") with all days before and after a date. An archive is divided at the most
+likely date, and each part again. Each report gives two equations, across and along the indicated
+heading, in the unknowns :data:`UNKNOWNS`. The third and fourth harmonics absorb the residual of A
+to E, which looks like a change when an aircraft flies other headings. Each flight has a bias, a
+random effect that is eliminated. Dates are days, UTC; angles in degrees in the results.
 """
 
 from __future__ import annotations

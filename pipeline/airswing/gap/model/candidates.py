@@ -1,12 +1,10 @@
-"""Candidates of the model: effects of the catalogue and tables of one or two variables.
+"""Candidates of the model (docs/gap.md, section 3): effects of the catalogue and tables.
 
 The raw columns X (n, 2, k) of a candidate are multiplied by a matrix T (k, m) such that X T z, with
-z standard normal, is an effect of 1 m/s root mean square where it acts: every candidate has the
-prior N(0, s^2 I). Edges in pressure of the catalogue's effects are softened by half the distance of
-model levels. Coefficients of a table's hat functions are correlated over `LENGTH` knots, so that a
-smooth curve costs little. No column contains the report's own noise: heading and airspeed are those
-of `airswing.gap.design`, and tables of the reported wind are averaged over winds that might have
-been reported given the large-scale wind (Berkson 1950: blurred, with unbiased coefficients).
+z standard normal, is an effect of 1 m/s root mean square where it acts. Edges in pressure of the
+catalogue's effects are softened by half the distance of model levels. No column contains the
+report's own noise: heading and airspeed are those of `airswing.gap.design`, and tables of the
+reported wind are averages (Berkson 1950: blurred, with unbiased coefficients).
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""Closure of the gap: mean vector disagreement on held-out days without the effects found, kt.
-
-Terms are fitted to four of five groups of days and subtracted from the fifth, at the heading,
-airspeed and wind that were reported. The interval is from a bootstrap over blocks of two days and
-from draws of the coefficients; its upper end includes what their errors cost.
-"""
+"""Closure of the gap on held-out days, kt (docs/gap.md, section 7)."""
 
 from __future__ import annotations
 

@@ -1,11 +1,8 @@
-"""Where real reports differ from simulated ones: slices with control of false discoveries.
+"""Where real reports differ from simulated ones: the slices of docs/gap.md, section 8.
 
-Each aircraft is judged by a constant and five cycles of heading error, each table by its
-coefficients of the whole fleet, given the climatology alone. The share of a slice in the gap is its
-cross-fitted energy: coefficients of one half of the day blocks predict the other, theta_A' G
-theta_B, with expectation zero where nothing is there. Significance is a chi-squared test of the
-score with the slice's noise factor; q values control false discoveries over all slices (Benjamini
-and Hochberg 1995).
+Cross-fitted energies theta_A' G theta_B have expectation zero where nothing is there. Significance
+is a chi-squared test of the score with the slice's noise factor (q values: Benjamini and Hochberg
+1995).
 """
 
 from __future__ import annotations

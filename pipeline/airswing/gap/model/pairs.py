@@ -63,7 +63,7 @@ def _ranked(model: Model) -> list[tuple[float, str, str, str]]:
     out = []
     for first, second in itertools.combinations(ordered, 2):
         block = gain[:, :, columns[first], columns[second]]  # (components, aircraft + 1)
-        total = (block - 1.0).sum(axis=(2, 3))
+        total = (block - 1.0).sum(axis=(2, 3))  # less one a coefficient (Akaike 1974)
         by_share = np.logaddexp(
             np.log1p(-SHARES)[:, None], np.log(SHARES)[:, None] + total[:, None, 1:]
         ).sum(axis=2)

@@ -1,11 +1,8 @@
 """From reports to a fitted model: noise, sums, search, exchange of identifiers, further passes.
 
 Where two aircraft look as if they had exchanged identifiers, the archive with corrected identifiers
-is searched as well, and the labelling with the larger evidence is kept. Where sensor effects
-are large, a further pass is linearised about them: heading and airspeed are corrected by the
-effects found, which are added to the residual as their columns have them, so that the second order
-of a large effect is not searched. A search ends before a candidate with less evidence than that
-second order, and the next pass goes on.
+is searched as well, and the labelling with the larger evidence is kept. Further passes are those of
+docs/gap.md, section 5.
 """
 
 from __future__ import annotations

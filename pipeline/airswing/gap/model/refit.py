@@ -1,16 +1,9 @@
-"""Coefficients fitted exactly: effects at the reports, instruments free of the reports' noise.
+"""Coefficients fitted exactly (docs/gap.md, end of section 5).
 
-The columns Z of the search, without the reports' noise, give coefficients that are 2 to 3 % too
-small; the columns X of the reports, at which the unit made its errors, correlate with the noise. Z
-are therefore instruments (Durbin 1954): with f(theta) the exact change of the reported wind by all
-terms,
-
-    Z' V^-1 (r - f(theta)) = kappa P theta,
-
-by Newton's method with A = Z' V^-1 X + kappa P; of terms with a square, Z and X are the derivatives
-at theta. With B = A^-1 the covariance of theta is kappa B (Z' V^-1 Z + kappa P) B'. Coefficients
-without a group of days follow by one more step. The prior of a term of several aircraft is theta_a
-~ N(mu, tau^2), mu ~ N(0, s^2), with the most likely s and tau.
+Effects are evaluated at the reports, with columns free of the reports' noise as instruments (Durbin
+1954). Coefficients without a group of days follow by one more step of Newton's method. The prior of
+a term of several aircraft is theta_a ~ N(mu, tau^2), mu ~ N(0, s^2), with the most likely s and
+tau.
 """
 
 from __future__ import annotations

@@ -201,6 +201,19 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
     return [replace(best, rivals=rivals, weight=_posterior_weight(best, rest)), *rest]
 
 
+def _contest_of_all(model: Model, terms: Sequence[Term], place: Term | None = None) -> list[Term]:
+    """Contest of all candidates given terms, for the place of a term or to be added."""
+    added = add_pairs(model) if place is None or len(place.group.variables) == 2 else []
+    ranking = contest(model, terms, screen(model))
+    if place is not None and place.group.refined and ranking and not ranking[0].group.named:
+        # other tables are refined only after they have won
+        now = replace(_rescored(model, terms, place), rivals=place.rivals)
+        ranking = sorted([*ranking, now], key=lambda t: -t.score)
+    winner = ranking[0].group if ranking else None
+    model.sums.candidates.forget([group for group in added if group is not winner])
+    return ranking
+
+
 def _is_usual(model: Model, terms: Sequence[Term], table: Term) -> bool:
     """Whether names in the size that no aircraft is free of leave a table nothing to explain."""
     every = tuple(range(model.sums.A))
@@ -339,9 +352,7 @@ def search(
         terms = revisit(model, terms, 1)
     seen: set[frozenset[tuple[object, ...]]] = set()
     for _ in range(MAX_TERMS):
-        pairs = add_pairs(model)
-        ranking = contest(model, terms, screen(model))
-        model.sums.candidates.forget([g for g in pairs if not ranking or g is not ranking[0].group])
+        ranking = _contest_of_all(model, terms)
         if not ranking:
             break
         LOG.debug("+ %s", describe(ranking[0]))
@@ -380,15 +391,7 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
         for term in list(terms):
             rest = [t for t in terms if t is not term]
             model.condition(rest)
-            pairs = add_pairs(model) if len(term.group.variables) == 2 else []
-            ranking = contest(model, rest, screen(model))
-            if ranking and term.group.refined and not ranking[0].group.named:
-                # other tables are refined only after they have won
-                now = replace(_rescored(model, rest, term), rivals=term.rivals)
-                ranking = sorted([*ranking, now], key=lambda t: -t.score)
-            model.sums.candidates.forget(
-                [g for g in pairs if not ranking or g is not ranking[0].group]
-            )
+            ranking = _contest_of_all(model, rest, term)
             if not ranking:
                 LOG.debug("- %s", describe(term))
                 terms, changed = rest, True

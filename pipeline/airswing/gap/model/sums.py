@@ -1,11 +1,6 @@
 """Whitened columns and their sums by aircraft and day, with the days' common fields eliminated.
 
-With V = R + F Lambda F' (docs/gap.md, section 2), M_d = F_d'F_d + Lambda^-1 and C_ad = M_d^-1/2
-F_ad' Z_ad,
-
-    Z' V^-1 Z = Z'Z - C'C.
-
-A day ends at the hour at which fewest reports are made, so that few flights cross it. Units: m/s;
+Symbols and the identity Z' V^-1 Z = Z'Z - C'C are those of docs/gap.md, section 2. Units: m/s;
 whitened values are dimensionless. Rows are kept in single precision, 2 (n p) numbers.
 """
 
