@@ -90,7 +90,7 @@ def test_the_ranking_names_the_largest_reduction_and_how_predictions_held():
     assert "1 without a usable fit" in text
     text = ranking_section(RANKING, virtual(agree=False, realised=3.7), SHOW).body
     assert "outside the interval of the prediction" in text and "errors for N1." in text
-    assert "n = 1 point" in SHOW.made["virtual_field_test"].caption
+    assert "n = 1 row" in SHOW.made["virtual_field_test"].caption
 
 
 def test_unknown_intervals_and_empty_sections_are_omitted():

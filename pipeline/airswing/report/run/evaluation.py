@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from markupsafe import Markup
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -74,15 +73,6 @@ def _speeds(entries: Iterable[Content], key: str) -> tuple[Floats, Floats]:
     return value, ends.T
 
 
-def _equal_axes(axes: Axes, values: Floats, x_label: str, y_label: str) -> None:
-    """Give both axes one range that holds the values, and draw the line of equality."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    margin = 0.1 * (high - low) + 0.2
-    ends = low - margin, high + margin
-    axes.plot(ends, ends, color=FAINT, zorder=1)
-    axes.set(xlim=ends, ylim=ends, aspect="equal", xlabel=x_label, ylabel=y_label)
-
-
 @html.drawing()
 def field_test_figure(field_test: Content) -> Figure:
     """Draw the disagreement of each group before and during the field test, and the reductions.
@@ -133,7 +123,11 @@ def _each_aircraft_figure(rows: Sequence[Content]) -> Figure:
     for name, colour, marker in (("controls", SOFT, "s"), ("corrected", BLUE, "o")):
         look = Look(color=colour, alpha=0.85, markersize=5.5, label=name)
         axes.plot(*table[table.index == name].to_numpy().T, marker, **look)
-    _equal_axes(axes, table.to_numpy(), "before (kt)", "during (kt)")
+    low, high = table.to_numpy().min(), table.to_numpy().max()
+    margin = 0.1 * (high - low) + 0.2
+    ends = low - margin, high + margin
+    axes.plot(ends, ends, color=FAINT, zorder=1)
+    axes.set(xlim=ends, ylim=ends, aspect="equal", xlabel="before (kt)", ylabel="during (kt)")
     axes.legend(loc="upper left")
     return figure.say(
         f"Mean disagreement of each aircraft (n = {len(table)} aircraft); below the line it fell."
@@ -202,8 +196,8 @@ def ranking_section(
         f"with 95 % intervals (n = {plural(len(shown), 'aircraft')}{omitted})."
     )
     parts, lines, points = [show("ranking", figure)], [], 0
-    figure, panels = html.panels(3.8, 1, 2)
-    kinds = ("predicted", "realised")
+    figure, panels = html.panels(1.4 + 0.3 * max(len(shown), 2), 1, 2)
+    looks = {"predicted": (SOFT, "o", -0.14), "realised": (BLUE, "D", 0.14)}
     for axes, (key, (panel, words)) in zip(panels, _HELD_OUT.items(), strict=True):
         axes.set_title(panel)
         content = (virtual or {}).get(key) or {}
@@ -211,31 +205,35 @@ def ranking_section(
         if not rows:
             html.blank(axes, "Too few reports.")
             continue
-        points += len(rows)
-        (x, x_ends), (y, y_ends) = (_speeds(rows, f"{kind}_gain") for kind in kinds)
-        axes.hlines(y, *x_ends, color=FAINT, linewidth=1.4)
-        axes.vlines(x, *y_ends, color=FAINT, linewidth=1.4)
-        colours = [VERMILION if row["agree"] is False else BLUE for row in rows]
-        axes.scatter(x, y, s=30 if len(rows) < 200 else 9, c=colours, zorder=2)
-        for row, *point in zip(rows, x, y, strict=True) if len(rows) <= 12 else ():
-            html.annotate(axes, row["aircraft"], point, (5, -9), fontsize=8, color=SOFT)
-        _equal_axes(axes, np.array([*x, *y, 0.0]), *(f"{kind} reduction (kt)" for kind in kinds))
+        first = sorted(rows, key=lambda row: (row["agree"] is not False, -row["predicted_gain_kt"]))
+        drawn = first[:_MOST_ROWS]
+        points += len(drawn)
+        for kind, (color, marker, shift) in looks.items():
+            look, y = Look(color=color, marker=marker, label=kind), np.arange(len(drawn)) + shift
+            html.intervals(axes, *_speeds(drawn, f"{kind}_gain"), y, **look)
+        html.zero_line(axes)
+        html.rows_axis(axes, [row["aircraft"] for row in drawn], "reduction (kt)")
+        for label, row in zip(axes.get_yticklabels(), drawn, strict=True):
+            label.set_color(VERMILION if row["agree"] is False else html.INK)
         (low, high), outside = np.array(content["predicted_gain_ci_kt"], float), ""
         if content["realised_gain_kt"] < low or content["realised_gain_kt"] > high:
             outside = ". The realised reduction is outside the interval of the prediction"
             if names := [row["aircraft"] for row in rows if row["agree"] is False]:
                 outside += "; the two differ by more than their errors for "
                 outside += html.joined(names, most=8)
-        predicted, realised = (_change(content, f"{kind}_gain") for kind in kinds)
+        predicted, realised = (_change(content, f"{kind}_gain") for kind in looks)
         lines.append(
             f"{words.format_map(content)}, {plural(content['reports'], 'report')} of "
             f"{plural(len(rows), 'aircraft')}: realised reduction {realised}, predicted "
             f"{predicted}{outside}."
         )
     if lines:
+        handles = next(axes for axes in panels if axes.lines).get_legend_handles_labels()
+        figure.legend(*handles, loc="outside upper right", ncols=2)
         figure.say(
             "Reduction predicted and realised on reports not used in the fit, with 95 % intervals. "
-            f"Orange: different by more than their interval (n = {plural(points, 'point')})."
+            "Red names, above: the two differ by more than their interval "
+            f"(n = {plural(points, 'row')})."
         )
         inner = show("virtual_field_test", figure)
         parts.append(html.listing(lines))

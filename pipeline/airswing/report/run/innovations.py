@@ -71,7 +71,9 @@ def _innovation_histogram_figure(statistics: xr.Dataset) -> Figure:
     lower = statistics["eastward_class"].to_numpy().astype(float)
     ends = np.array([lower[0], 2 * lower[-1] - lower[-2]]) / KNOT
     figure, panels = html.panels(4.6, 1, 2, sharex=True, sharey=True)
-    look = Look(cmap=html.DENSITY, norm=LogNorm(1, max(int(counts.max()), 2)), origin="lower")
+    look = Look(
+        cmap=html.DENSITY, norm=LogNorm(1, max(int(counts.max()), 2)), origin="lower", zorder=1
+    )
     for axes, (state, *_) in zip(panels, STATES, strict=True):
         grid = counts.sel(state=state).transpose("northward_class", "eastward_class")
         drawn = axes.imshow(
