@@ -8,7 +8,7 @@ variable that is unknown in half of the reports, or constant, is left out. Units
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,15 +51,8 @@ KNOTS = {name: row[3] for name, row in VARIABLES.items()}
 #: Period of the circular variables that are not angles.
 PERIOD = {"hour": 24.0}
 CATEGORIES = {"icing": ("off", "on"), "phase": ("ascent", "cruise", "descent")}
-#: Squared correlation of inferred variables with the true ones in simulated archives; of those that
-#: are computed without the reports' noise with the reported ones.
-RELIABILITY = {
-    "acceleration": 0.76,
-    "bank": 0.75,
-    "airspeed": 0.975,
-    "ground_speed": 0.975,
-    "drift": 0.96,
-}
+#: Squared correlation of inferred variables with the true ones in simulated archives.
+RELIABILITY = {"acceleration": 0.76, "bank": 0.75}
 
 
 @dataclass(frozen=True)
@@ -168,6 +161,19 @@ def record(frame: Frame, quiet: Frame) -> dict[str, Variable]:
         cells = cells_of(variable.values, variable.edges(number))
         if (np.bincount(cells[cells >= 0]) >= 30).sum() >= 2:  # thirty reports have a mean
             out[name] = variable
+    return out
+
+
+def reliabilities(frame: Frame, variables: Mapping[str, Variable]) -> dict[str, float]:
+    """Squared correlation of variables with the true ones, by name, where it is less than one.
+
+    Airspeed, ground speed and drift are free of the noise of the residual; their squared
+    correlation with those of the reports (of the ``frame``) takes the place of that with the truth.
+    """
+    out = dict(RELIABILITY)
+    for name in {"airspeed", "ground_speed", "drift"} & variables.keys():
+        pairs = np.stack([variables[name].values, values_of(frame, frame, name)])
+        out[name] = float(np.corrcoef(pairs[:, np.isfinite(pairs).all(axis=0)])[0, 1] ** 2)
     return out
 
 

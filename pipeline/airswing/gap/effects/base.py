@@ -125,9 +125,9 @@ class Effect(ABC):
     distinguished_by: ClassVar[Mapping[str, str]] = {}
     # sets of columns that are one candidate each; empty: all columns together
     alternatives: ClassVar[tuple[tuple[int, ...], ...]] = ()
-    # share of the effect's energy in its columns: below 1, as headings in turns are those of
-    # chords, and lower where more of the context is inferred (bank, acceleration)
-    reliability: ClassVar[float] = 0.99
+    # share of the effect's energy in its columns: below 1 where the context is inferred (bank,
+    # acceleration, gradients of the wind)
+    reliability: ClassVar[float] = 1.0
     # whether an effect that acts on no sensor reverses with the direction of flight, so that
     # the lasting error of the reference averages out
     reverses: ClassVar[bool] = False

@@ -20,8 +20,8 @@ from airswing.gap.archive.reported_variables import (
     KINDS,
     KNOTS,
     PERIOD,
-    RELIABILITY,
     record,
+    reliabilities,
     values_of,
 )
 from airswing.gap.arrays import Floats, Singles
@@ -214,6 +214,7 @@ class Candidates:
         self.width = 0
         self.wind = np.stack([context.u_ref, context.v_ref], -1)
         self.variables = record(frame, context)
+        self.reliability = reliabilities(frame, self.variables)
         self._add_climatology()
         self._add_names()
         if tables:
@@ -401,7 +402,7 @@ class Candidates:
             drawn = self._averaged(table, SAMPLED, [0])
             reliability = float((columns**2).sum() / max((drawn**2).sum(), 1e-12))
         for curve in table.curves:
-            reliability *= RELIABILITY.get(curve.variable, 1.0)
+            reliability *= self.reliability.get(curve.variable, 1.0)
         self.tables[where.start] = table
         form = (int(refined),)
         group = Group(name, "table", where, root, "af", weight, form, reliability, quantity)

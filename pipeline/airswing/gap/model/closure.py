@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from airswing.gap.archive.reported_variables import RELIABILITY
 from airswing.gap.arrays import Floats, Integers
 from airswing.gap.model.passes import Fitted
 from airswing.gap.model.refit import BLOCK
@@ -91,12 +90,13 @@ def _missed_ratio(fitted: Fitted, claim: Sequence[int]) -> float:
     normal variable a normal variable with the correlation rho holds (2 / pi arcsin rho)^2 (Sheppard
     1899, Phil. Trans. R. Soc. A 192, 101-167).
     """
+    reliability = fitted.model.sums.candidates.reliability
     shares = []
     for group in (fitted.terms[k].group for k in claim):
         # tables are subtracted at the reported winds, without the blur of their fit
         share = group.reliability if group.named else 1.0
         for name in () if group.named else group.variables:
-            squared = RELIABILITY.get(name, 1.0)
+            squared = reliability.get(name, 1.0)
             share *= 0.9 * (2 / np.pi * np.arcsin(np.sqrt(squared))) ** 2
         shares.append(share)
     return float(1.0 / min(shares) - 1.0)

@@ -29,9 +29,6 @@ from airswing.gap.model.sums import Sums
 #: coefficients beyond their noise on simulated archives without an effect: 0.00 to 0.02 and, of
 #: errors along the wind, 0.03 to 0.07.
 LASTING = {"wind": 0.07, "aircraft": 0.03}
-#: Reliability from which columns have the error `FIRST_ORDER` alone: most names have 0.99, and
-#: their effects in simulated archives came out within it.
-EXACT = 0.98
 #: Relative error of every coefficient beyond its noise: soft iron of 1.1 degrees and hard iron of
 #: 2 degrees put into archives without an effect came out at 0.9997, 0.997 and 0.989 of the truth;
 #: fleet-wide ones of simulated archives at 0.94 and 0.96.
@@ -426,8 +423,7 @@ class Model:
         if group.quantity not in self._remainders:
             out = np.zeros(self.sums.A)
             for k, term in enumerate(self.terms):
-                reliability = term.group.reliability
-                missing = FIRST_ORDER**2 + (1 / reliability - 1 if reliability < EXACT else 0.0)
+                missing = FIRST_ORDER**2 + 1 / term.group.reliability - 1
                 missing *= 1.0 if term.group.quantity == group.quantity else 0.5
                 theta = self.theta[self.offsets[k + 1] : self.offsets[k + 2]]
                 theta = theta.reshape(-1, term.group.size)
