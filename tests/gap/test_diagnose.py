@@ -15,6 +15,7 @@ from airswing.gap.diagnose import attributed, diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import active_effects
+from airswing.products.netcdf import open_product
 from airswing.products.whole_files import json_types
 from airswing.units import KNOT
 
@@ -122,6 +123,14 @@ def test_constant_one_and_two_cycles_of_all_aircraft_are_three_names(size):
         ]
     report = diagnose(archive(*effects, seed=6, aircraft=3, days=7), catalogue=SMALL).report
     assert {e.name for e in report.effects} == {"compass_offset", "hard_iron", "soft_iron"}
+    assert not report.unknown.present
+
+
+@pytest.mark.slow
+def test_a_refined_table_leaves_its_place_to_the_names_of_the_quickstart(quickstart):
+    headings = open_product(quickstart / "headings")
+    report = diagnose(headings, reference="rtfdaa").report
+    assert [e.name for e in report.effects] == ["hard_iron", "compass_offset", "soft_iron"]
     assert not report.unknown.present
 
 
