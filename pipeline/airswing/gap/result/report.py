@@ -69,7 +69,6 @@ def assemble(
     if fitted.exchange is not None:
         entries.append(_exchange_entry(fitted, fitted.exchange))
     entries += unseen
-    named = [entry for entry in entries if isinstance(entry, EffectEntry)]
     places = [entry for entry in entries if isinstance(entry, PlaceEntry)]
     steps = []
     for entry in entries:
@@ -82,12 +81,18 @@ def assemble(
     value, low, high = _total(steps, closure)
     before, hidden = closure.before, could_hide(closure.before, frame.size)
     total = value if value > 1e-6 else np.inf
+    named = [
+        replace(entry, share_of_gap=float(np.clip(entry.closure.reduction / total, 0, 1)))
+        if entry.closure
+        else entry
+        for entry in entries
+        if isinstance(entry, EffectEntry)
+    ]
+    named.sort(key=lambda entry: -entry.share_of_gap)
     unnamed = [step for step in steps if step.name.startswith("unknown: ")]
     if not entries:
         # where nothing is stated the interval holds an error that could hide
         low, high = low - 0.25 * hidden, high + hidden
-    named.sort(key=lambda entry: -entry.held_out_energy)
-    closed_by_name = [entry.closure.reduction if entry.closure else 0.0 for entry in named]
     gates = [claim.gate for claim in claims]
     best = max([0.0, *gates, *(entry.evidence_nats or 0.0 for entry in unseen)])
     unknown = None
@@ -106,10 +111,7 @@ def assemble(
     return GapReport(
         gap=DisagreementEntry(before, before - value, float(np.exp(-max(best, 0.0)))),
         where=[row for row in where if row.q_value < 0.05][:20],
-        effects=[
-            replace(entry, share_of_gap=float(np.clip(kt / total, 0, 1)))
-            for entry, kt in zip(named, closed_by_name, strict=True)
-        ],
+        effects=named,
         unknown=UnknownEntry(bool(places), places, unknown),
         closure=ClosureEntry(
             before=before,
@@ -161,7 +163,6 @@ def _exchange_entry(fitted: Fitted, exchange: Exchange) -> EffectEntry:
         period=[str(start), None],
         scope="pair",
         evidence_nats=exchange.evidence,
-        held_out_energy=2.0 * exchange.evidence,
     )
 
 

@@ -125,7 +125,6 @@ class EffectEntry:
     ambiguous_with: Sequence[str] = ()
     ambiguity: Sequence[RivalEntry] = ()
     share_of_gap: float = 0.0
-    held_out_energy: float = 0.0
     closure: ClosesEntry | None = field(default=None, metadata=LEFT_OUT)
 
 
@@ -380,8 +379,8 @@ class GapReport:
     """Content of gap.json.
 
     ``where`` holds the significant slices, ``slices`` all of them; ``effects`` are in the order of
-    their evidence. ``reference``, ``headings_uuid`` and ``claims`` are None of a diagnosis in a
-    notebook.
+    their share of the gap. ``reference``, ``headings_uuid`` and ``claims`` are None of a diagnosis
+    in a notebook.
     """
 
     gap: DisagreementEntry

@@ -195,7 +195,6 @@ def effect_entry(
         per_tail=None if fleet or len(stated) < 2 else per_tail,
         ambiguous_with=[rival.name for rival in rivals],
         ambiguity=rivals,
-        held_out_energy=2.0 * claim.score,
         closure=step,
     )
 
