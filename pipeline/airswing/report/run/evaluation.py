@@ -90,9 +90,9 @@ def field_test_figure(field_test: Content) -> Figure:
     figure, (left, right) = html.panels(1.5 + 0.5 * len(groups), 1, 2, width_ratios=(1.5, 1))
     looks = (html.ORANGE, "o", -1), (BLUE, "D", 1)
     for when, (colour, marker, shift) in zip(_PERIODS, looks, strict=True):
-        (values, ends), rows = _speeds(groups.values(), when), np.arange(len(groups))
-        left.plot(values, rows, marker, color=colour, markersize=7, label=when)
-        left.plot(ends, np.tile(rows + 0.14 * shift, (2, 1)), color=colour, linewidth=1.3)
+        look = Look(color=colour, marker=marker, markersize=7, label=when)
+        y = np.arange(len(groups)) + 0.14 * shift
+        html.intervals(left, *_speeds(groups.values(), when), y, **look)
     names = [f"{name}\n{entry['aircraft']} aircraft" for name, entry in groups.items()]
     html.rows_axis(left, names, "mean vector disagreement (kt)")
     left.margins(x=0.16)
@@ -128,7 +128,7 @@ def _each_aircraft_figure(rows: Sequence[Content]) -> Figure:
     ends = low - margin, high + margin
     axes.plot(ends, ends, color=FAINT, zorder=1)
     axes.set(xlim=ends, ylim=ends, aspect="equal", xlabel="before (kt)", ylabel="during (kt)")
-    axes.legend(loc="upper left")
+    figure.legend(loc="outside upper center", ncols=2)
     return figure.say(
         f"Mean disagreement of each aircraft (n = {len(table)} aircraft); below the line it fell."
     )
