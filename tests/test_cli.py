@@ -51,7 +51,7 @@ def test_stages_one_by_one_and_the_json_summary(
 ):
     monkeypatch.setattr("airswing.report.run.page.write_page", lambda *_, **__: "")
     some = {"files": str(root / "data_samples/reports/N40[1-3].csv")}
-    path = quickstart_config(folder, reports=some)
+    path = quickstart_config(folder, reports=some, fit={"shared_error": False})
     for stage, product in (("collocate", "headings"), ("fit", "fits.nc"), ("correct", "corrected")):
         done = airswing(stage, path, "--quiet")
         assert (done.returncode, done.stderr) == (0, "")

@@ -282,7 +282,7 @@ def test_large_deviations_and_weak_winds_are_not_taken_for_wrong_units(amplitude
     "name",
     [
         pytest.param("modes/mpm_20170111_12z_aggregated.csv", marks=pytest.mark.slow),
-        "reports/acars_19990209_14z.nc",
+        pytest.param("reports/acars_19990209_14z.nc", marks=pytest.mark.slow),
         "reports/madis_acars_20050826_00z.nc.gz",
         pytest.param("reports/amdar_20090123_europe.bufr", marks=pytest.mark.slow),
     ],

@@ -73,7 +73,8 @@ def complete(archive):
 
 
 def job_of(folder, *, fresh=False, **changes):
-    sections = {"fit": {"harmonics": 1, "min_reports": 50}, "output": "results"} | changes
+    fit = {"harmonics": 1, "min_reports": 50, "shared_error": False}  # for its time
+    sections = {"fit": fit, "output": "results"} | changes
     files = folder / "reports/*.parquet", {"small": folder / "model/*.grb"}
     path = configured(folder, *files, **sections)
     return workflow.Job(load_config(path), Progress(quiet=True), fresh)

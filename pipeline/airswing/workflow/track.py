@@ -21,7 +21,7 @@ from airswing.physics.triangle import direction_in_degrees
 from airswing.products.whole_files import atomic, require_parquet
 from airswing.reference.catalogue import Catalogue, build_catalogue
 from airswing.reference.collocate import collocate
-from airswing.reports.columns import conversion, parse_times, split_name
+from airswing.reports.columns import conversion, numbers, parse_times, split_name
 from airswing.reports.formats import damage_named, opened
 from airswing.reports.formats.tabular import header_of
 from airswing.units import KNOT
@@ -189,9 +189,8 @@ def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
                 raise InputError("a time cannot be read", field=name, found=first, remedy=remedy)
         elif (column := split_name(meant)) and column[0].variable in (*_PLACE, "pressure_altitude"):
             quantity, unit = column
-            factor, offset = conversion(unit, quantity.si_unit)
-            values = pd.to_numeric(table[name].replace("", np.nan), errors="coerce")
-            places[quantity.variable] = values.to_numpy(np.float64) * factor + offset
+            scale = conversion(unit, quantity.si_unit)
+            places[quantity.variable] = numbers(table[name], *scale)
     if "pressure" not in places and "pressure_altitude" in places:
         places["pressure"] = pressure_from_altitude(places.pop("pressure_altitude"))
     for name in _PLACE:
