@@ -43,7 +43,7 @@ LEVERS = {
     "along_wind": "wind_factor",
 }
 FINER = (2, 4)
-#: Log evidence of a table from which a second variable is sought.
+#: Log evidence from which a table is refined.
 REFINED_FROM = 30.0
 
 
