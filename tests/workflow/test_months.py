@@ -33,7 +33,7 @@ pytestmark = pytest.mark.usefixtures("blank_cards")
 
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
-    """January to early March, a file of reports a day and of the model every three hours."""
+    """January to early March, files of three days and of the model every three hours."""
     folder = tmp_path_factory.mktemp("archive")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(year, "LEVELS", (500, 250))  # its wind is that of all levels
@@ -47,8 +47,9 @@ def archive(tmp_path_factory):
     delay, flight = pd.Timestamp("2009-01-31T23:45") - first, first + pd.Timedelta("1 h")
     table.loc[across & (table["time"] < flight), "time"] += delay
     (folder / "days").mkdir()
-    for day, of_day in table.groupby(table["time"].dt.date):
-        of_day.to_parquet(folder / f"days/{day}.parquet", index=False)
+    first_day = table["time"].dt.normalize() - pd.to_timedelta((table["time"].dt.day - 1) % 3, "D")
+    for day, of_days in table.groupby(first_day.dt.date):
+        of_days.to_parquet(folder / f"days/{day}.parquet", index=False)
     return folder
 
 
@@ -114,9 +115,9 @@ def test_months_made_night_by_night_are_what_one_run_gives(archive, complete):
     january = (archive / "results/headings/2009-01.nc").stat().st_mtime_ns
     add("2009-02-10", "2009-02-26")
     assert make(archive) == [FEBRUARY]
-    add("2009-02-26", "2009-03-05")
+    add("2009-02-26", "2009-03-04")
     assert make(archive) == [FEBRUARY, MARCH]
-    add("2009-03-05", "2009-04-01")
+    add("2009-03-04", "2009-04-01")
     assert make(archive) == [MARCH]
     assert (archive / "results/headings/2009-01.nc").stat().st_mtime_ns == january
     assert make(archive) == []
