@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from tests.gap.toy import make_frame
 
+from airswing.gap.archive.reported_variables import record
 from airswing.gap.design import exogenous
-from airswing.gap.distribution.gross_errors import outliers, reduction_of_gross
+from airswing.gap.distribution.gross_errors import (
+    gross_by_variable,
+    outliers,
+    reduction_of_gross,
+)
 from airswing.gap.noise import (
     DirectionFactors,
     fit_noise,
@@ -191,11 +196,11 @@ def archive():
     return frame, fit_noise(frame.residual, exogenous(frame))
 
 
-def with_gross_errors(archive, aircraft, share, size=20.0):
+def with_gross_errors(archive, aircraft, share, size=20.0, where=True):
     """The archive with normal errors in a share of some aircraft's reports, and its noise."""
     clean, noise = archive
     rng = np.random.default_rng(5)
-    hit = np.isin(clean.aircraft, aircraft) & (rng.random(clean.size) < share)
+    hit = np.isin(clean.aircraft, aircraft) & (rng.random(clean.size) < share) & where
     error = hit[:, None] * rng.normal(0, size, (clean.size, 2))
     frame = replace(clean, u_rep=clean.u_rep + error[:, 0], v_rep=clean.v_rep + error[:, 1])
     return frame, replace(noise, gross=gross_errors(frame.residual, noise.order))
@@ -221,3 +226,15 @@ def test_moderate_scatter_is_no_gross_error(archive):
     frame, noise = with_gross_errors(archive, [1, 2], 0.3, size=2.5)
     assert noise.gross.mean() > 0.001
     assert outliers(frame, frame.residual, noise) is None
+
+
+def test_gross_errors_depend_on_a_variable_or_on_none(archive):
+    clean, _ = archive
+    variables = record(clean, exogenous(clean))
+    high = clean.pressure < np.quantile(clean.pressure, 0.3)
+    for where, variable in ((high, "altitude"), (True, None)):
+        frame, noise = with_gross_errors(archive, range(8), 0.03, where=where)
+        entry = outliers(frame, frame.residual, noise)
+        closure = reduction_of_gross(frame, frame.residual, entry, noise.gross)
+        place = gross_by_variable(frame, replace(entry, closure=closure), noise.gross, variables)
+        assert (place and place.variable) == variable

@@ -15,7 +15,11 @@ from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.checks import Adjustment, run_checks
 from airswing.gap.distribution.coded_values import coded_effects, reduction_of_coding
-from airswing.gap.distribution.gross_errors import outliers, reduction_of_gross
+from airswing.gap.distribution.gross_errors import (
+    gross_by_variable,
+    outliers,
+    reduction_of_gross,
+)
 from airswing.gap.distribution.scatter import find_scatter
 from airswing.gap.distribution.sent_winds import find_sent_winds
 from airswing.gap.effects import CATALOGUE
@@ -223,7 +227,12 @@ def _effects_without_mean(
         reduction, affected = reduction_of_coding, coded
         if entry.name == "outliers":
             reduction, affected = reduction_of_gross, erring
-        out.append(replace(entry, closure=reduction(frame, rest, entry, gross)))
+        entry = replace(entry, closure=reduction(frame, rest, entry, gross))
+        conditional = None
+        if dictionary and entry.name == "outliers":
+            variables = fitted.model.sums.candidates.variables
+            conditional = gross_by_variable(frame, entry, gross, variables)
+        out.append(conditional or entry)
         affected.extend(frame.tails.index(tail) for tail in entry.tails)
     if not dictionary:
         return out

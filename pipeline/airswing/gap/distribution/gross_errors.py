@@ -6,17 +6,29 @@ least 100 reports an aircraft. Units: m/s; shares of reports.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import pairwise
+
 import numpy as np
+from scipy.special import gammaln
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.arrays import Booleans, Floats
-from airswing.gap.distribution.entries import against_chance, closes, effect_of
+from airswing.gap.archive.reported_variables import KINDS, UNITS, Variable, cells_of
+from airswing.gap.arrays import Booleans, Floats, Integers
+from airswing.gap.distribution.entries import against_chance, closes, effect_of, place_of
 from airswing.gap.effects.base import Stated, number
+from airswing.gap.model.candidates import OF_WIND
+from airswing.gap.model.sums import GATE
 from airswing.gap.noise import NoiseFit, gross_errors
-from airswing.gap.result.schema import ClosesEntry, EffectEntry
+from airswing.gap.result.schema import ClosesEntry, CurveEntry, EffectEntry, PlaceEntry
 from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
+
+#: Relative variation of the rate of gross errors over a variable: of errors that occur at random,
+#: which are found more often where the noise is small (on simulated archives their log evidence is
+#: -2 and less), and of errors that depend on it.
+RANDOM, DEPENDENT = 0.2, 1.0
 
 
 def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | None:
@@ -130,3 +142,53 @@ def reduction_of_gross(
     kt = total / frame.size / KNOT
     # 8 % from the shape of the errors' distribution
     return closes(kt, float(np.hypot(np.sqrt(doubt) / frame.size / KNOT, 0.08 * kt)))
+
+
+def gross_by_variable(
+    frame: Frame, entry: EffectEntry, gross: Booleans, variables: Mapping[str, Variable]
+) -> PlaceEntry | None:
+    """Entry of gross errors whose rate depends on a variable, in place of that of `outliers`.
+
+    Its log evidence is that of two Dirichlet-multinomial laws of the counts in cells of the
+    variable, whose rates vary by `DEPENDENT` and by `RANDOM`. Left out are the reported wind, which
+    the error itself changes, and the turn, which is zero at the first report of a flight, where no
+    error is marked.
+    """
+    tails = [frame.tails.index(tail) for tail in entry.tails]
+    affected = np.isin(frame.aircraft, tails)
+    found: list[tuple[float, Variable, Floats, Floats]] = []
+    for name in sorted(variables.keys() - OF_WIND - {"turn"}):
+        variable = variables[name]
+        edges = variable.edges(24 if KINDS[variable.name][0] != "category" else 3)
+        cell = cells_of(variable.values, edges)
+        used = affected & (cell >= 0)
+        count = np.bincount(cell[used], minlength=edges.size - 1)
+        hits = np.bincount(cell[used & gross], minlength=edges.size - 1)
+        evidence = _log_evidence(hits, count, DEPENDENT) - _log_evidence(hits, count, RANDOM)
+        found.append((evidence, variable, edges, hits / np.maximum(count, 1)))
+    evidence, variable, edges, rate = max(found, key=lambda row: row[0])
+    evidence -= float(np.log(len(found)))
+    if evidence < GATE or entry.closure is None:
+        return None
+    size = float(entry.parameters["size_m_s"]) * np.sqrt(rate)
+    curve = CurveEntry(
+        [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)],
+        size.tolist(),
+        unit="m/s",
+        variables=[variable.name],
+        variable_units=[UNITS[variable.name]],
+        edges=[edges.tolist()],
+        values=size.tolist(),
+    )
+    typical = float(np.median(size[size > 0]))
+    return place_of(
+        "scatter", variable.name, tails, frame.tails, evidence, typical, curve, entry.closure
+    )
+
+
+def _log_evidence(hits: Integers, count: Integers, variation: float) -> float:
+    """Dirichlet-multinomial law of counts in cells, up to a constant of them."""
+    flown = count > 0
+    prior = count[flown] / count.sum() * flown.sum() / variation**2
+    gain = gammaln(prior + hits[flown]) - gammaln(prior)
+    return float(gain.sum() + gammaln(prior.sum()) - gammaln(prior.sum() + hits.sum()))
