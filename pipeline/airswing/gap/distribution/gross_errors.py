@@ -170,7 +170,7 @@ def gross_by_variable(
     evidence -= float(np.log(len(found)))
     if evidence < GATE or entry.closure is None:
         return None
-    size = float(entry.parameters["size_m_s"]) * np.sqrt(rate)
+    size = number(entry.parameters["size_m_s"]) * np.sqrt(rate)
     curve = CurveEntry(
         [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)],
         size.tolist(),
