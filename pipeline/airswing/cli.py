@@ -80,7 +80,6 @@ def _common(
 
 
 def _run_stage(stage: Callable[[Job], T], config: Path, **options: Any) -> tuple[Job, T]:
-    """Run one stage of a configuration; options as of :meth:`Job.of`."""
     from airswing.products.whole_files import workspace
     from airswing.workflow import Job
 

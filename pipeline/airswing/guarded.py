@@ -72,7 +72,6 @@ def guarded(
 
 
 def _new_worker() -> subprocess.Popen[bytes]:
-    """A new worker, which finds modules where this process does."""
     return subprocess.Popen(
         [sys.executable, "-P", "-c", "from airswing.guarded import serve; serve()"],
         stdin=subprocess.PIPE,

@@ -81,7 +81,6 @@ def content(*effects, **changes):
         "reduction_ci": [1.9, 2.2],
     }
     row = {"scope": "aircraft", "known": True, "posterior": [0.01] * 14, "subset": []}
-    row |= {"raw_nats": 1.0, "cluster_factor": 1.0}
     sections = {
         "gap": {"mean_vector_disagreement_kt": 8.31, "noise_floor_kt": 6.2, "significance": 1e-9},
         "where": [{"variable": "aircraft", "values": ["N401", "N402"]} | share(0.71, 2e-4)],
@@ -92,9 +91,9 @@ def content(*effects, **changes):
         "counts": counts(),
         "untestable": {"altitude_offset": "too few climbs <and> descents"},
         "evidence": [
-            row | {"name": "hard_iron", "instead_of": "hard_iron", "tempered_nats": 5230.0},
-            row | {"name": "soft_iron", "instead_of": "hard_iron", "tempered_nats": 320.0},
-            row | {"name": "table", "instead_of": None, "tempered_nats": 9e3, "known": False},
+            row | {"name": "hard_iron", "instead_of": "hard_iron", "evidence_nats": 5230.0},
+            row | {"name": "soft_iron", "instead_of": "hard_iron", "evidence_nats": 320.0},
+            row | {"name": "table", "instead_of": None, "evidence_nats": 9e3, "known": False},
         ],
         "noise": {
             "correlated_sd_m_s": 1.5,

@@ -239,7 +239,6 @@ def _write_world(output: Path, real: Path | None, cases: Sequence[Case]) -> list
 def _diagnose_all(
     output: Path, cases: Sequence[Case], diagnoser: Diagnoser, workers: int, say: Say
 ) -> dict[str, str]:
-    """Diagnose every case that has no diagnosis; return the messages of those that failed."""
     failures: dict[str, str] = {}
 
     def diagnose(case: Case) -> None:

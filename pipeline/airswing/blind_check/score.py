@@ -135,7 +135,6 @@ def _score_names(label: Label, claims: Sequence[Entry]) -> Score:
 
 
 def _entries(effect: Injected, claims: Sequence[Entry]) -> list[Entry]:
-    """Entries with parameters: of each aircraft that has the effect, otherwise of the claim."""
     tails = effect["tails"]
     out: list[Entry] = []
     for claim in claims:

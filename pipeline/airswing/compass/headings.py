@@ -234,7 +234,6 @@ def _column(ds: xr.Dataset, name: str) -> Array:
 
 
 def _resolution(ds: xr.Dataset, name: str, aircraft: Index) -> Array:
-    """Resolution of each report's aircraft; 0 where it is unknown."""
     if name not in ds:
         return np.zeros(aircraft.size)
     return np.nan_to_num(np.asarray(ds[name].to_numpy(), dtype=np.float64))[aircraft]

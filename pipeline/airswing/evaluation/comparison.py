@@ -217,7 +217,6 @@ def _columns(chunk: Chunk, pools: Mapping[str, list[str]]) -> Columns:
 
 
 def _slices(rows: Columns, first: str, second: str) -> list[tuple[str, str, Mask]]:
-    """Slices of one aircraft's reports: kind, name and the reports in it."""
     lead, pressure = np.fmax(rows[f"lead {first}"], rows[f"lead {second}"]), rows["pressure"]
     slices = [
         ("by_lead_time", "analysis to 1 h", lead <= 1.0),
@@ -474,7 +473,6 @@ def _verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Conten
 
 
 def _by_name(coefficients: Floats) -> dict[str, float]:
-    """Coefficients A to E in degrees."""
     return dict(zip(COEFFICIENTS, np.degrees(coefficients).tolist(), strict=True))
 
 

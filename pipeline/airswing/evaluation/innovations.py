@@ -345,7 +345,6 @@ def combined(statistics: xr.Dataset, over: Iterable[str]) -> xr.Dataset:
 
 
 def _statistics(count: Floats, total: Floats, squares: Floats) -> dict[str, NDArray[np.generic]]:
-    """Bias, standard deviation (n - 1), root mean square and count from moments."""
     bias, square = ratio(total, count), ratio(squares, count)
     variance = ratio(np.maximum(square - bias**2, 0.0) * count, count - 1.0)
     return {

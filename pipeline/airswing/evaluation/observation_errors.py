@@ -172,7 +172,6 @@ def separate(
 
 
 def _solve_draws(design: Floats, table: PairTable, weights: Floats, variances: int) -> Floats:
-    """Weighted least squares for every draw of the days: (draw, column)."""
     # the variance of a half square is the square of its mean, here by separation
     distance = np.sqrt((table.separation**2).sum(axis=1))
     place = np.minimum((distance * _BINS).astype(np.int64), _BINS - 1)

@@ -207,7 +207,6 @@ def _error_rows(request: Request, written: dict[str, str]) -> list[str]:
 
 
 def _coefficient_rows(fits: xr.Dataset, reference: str, written: dict[str, str]) -> list[str]:
-    """Table of coefficients: names, types, and a row for each published fit of a reference."""
     names = [str(name) for name in fits["reference"].to_numpy()]
     fit = fits.sel(reference=reference if reference in names else names[0])
     fit = fit.isel(aircraft=np.flatnonzero(published(fit["status"])))

@@ -147,7 +147,6 @@ def _verdict(
 
 
 def _of_wind(reason: str) -> bool:
-    """Whether a reason concerns the wind, and not only temperature or humidity."""
     return not reason.endswith(("_T", "_RH")) or "_W_" in reason
 
 

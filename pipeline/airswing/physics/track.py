@@ -191,7 +191,6 @@ def _geodesic(lat: Array, lon: Array, start: Index, end: Index) -> tuple[Array, 
 
 
 def _same_run(segment: Index, offset: int) -> Mask:
-    """Whether the fix ``offset`` further on belongs to the same unbroken run."""
     same = np.zeros(segment.size, dtype=bool)
     size = segment.size - abs(offset)
     if size > 0:

@@ -357,7 +357,6 @@ class _Work:
         return result
 
     def _grib_rows(self) -> tuple[Table, tuple[Grid, ...], list[str]]:
-        """Rows of GRIB files by their headers, their grids, and notes."""
         numbers: dict[Grid, int] = {}
         tables = [np.empty(0, dtype=FIELD_DTYPE)]
         for index, contents in enumerate(contents_of(self.sources, self.cache_dir)):

@@ -243,7 +243,6 @@ def _separate(
     labels: NDArray[np.object_],
     audit: Audit,
 ) -> NDArray[np.object_]:
-    """Separate aircraft that share an identifier, in place; return the new tails."""
     flown = pd.Series(np.arange(flight.size)).groupby(flight).agg(["first", "last", "size"])
     seconds = seconds_since_1970(columns["time"])
     flown = flown.assign(

@@ -151,7 +151,6 @@ def _motion(table: pd.DataFrame, stems: dict[str, str], remarks: dict[str, str])
 
 
 def _entry(quantity: Quantity, column: str, values: Column, remarks: dict[str, str]) -> Entry:
-    """Map a column of numbers, with a remark where its unit is a guess."""
     parsed, written = split_name(column.strip()), _BRACKET.search(column) or _ENDING.search(column)
     largest, remark = float(values.abs().max()), ""
     unit: str | None = None  # that of the canonical name

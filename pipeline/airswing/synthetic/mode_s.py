@@ -40,7 +40,6 @@ AIRCRAFT = {
 
 
 def _model_wind(latitude: Array, longitude: Array, pressure: Array, hour: Array) -> Array:
-    """Wind of the model, m/s, shape (2, n): east, north."""
     height = np.log(500.0 / pressure)
     east = 18.0 + 1.1 * (latitude - 49.0) + 14.0 * height + 0.2 * hour
     north = -4.0 + 0.7 * (longitude + 121.0) - 5.0 * height - 0.1 * hour

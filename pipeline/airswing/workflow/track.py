@@ -157,7 +157,6 @@ def collocate_track(
 
 
 def _pairs(entries: Sequence[str], option: str, example: str) -> dict[str, str]:
-    """The two sides of each ``A=B`` of an option."""
     pairs = {}
     for entry in entries:
         name, _, value = (side.strip() for side in entry.partition("="))

@@ -337,7 +337,6 @@ def _publish_offsets(
     *,
     joint: bool,
 ) -> None:
-    """Publish the constant of every aircraft that has no curve."""
     estimates = offsets(list(constants.values()), few, curves, joint=joint)
     for (k, fit), offset in zip(constants.items(), estimates, strict=True):
         if offset is None:

@@ -113,7 +113,6 @@ class Reference:
         return int(2 * (self.aircraft + self.functions))
 
     def _sum_information(self) -> None:
-        """Information of the chosen segments, in the parts from which it is multiplied."""
         precision, stretch, functions = self.sample, self.sample.stretch, self.functions
         weighted = sparse.diags(precision.weight) @ stretch.lasting_design
         tied = sparse.diags(precision.tied) @ (stretch.piece_sums @ weighted)
@@ -245,7 +244,6 @@ class Reference:
         return np.searchsorted(self.days, segments, side="right") - 1
 
     def _add_scores(self, precision: Precision, residual: Array, scores: Array) -> None:
-        """Add the scores of some whole days' blocks, from their residual."""
         stretch, a, functions = precision.stretch, self.aircraft, self.functions
         weighted = precision.apply(residual)
         day = self._day_of(stretch.segments)

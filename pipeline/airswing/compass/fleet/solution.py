@@ -290,7 +290,6 @@ class IterativeInverse:
                 break
 
     def _set_prior(self, variance: Array) -> None:
-        """Set the prior, and the preconditioner with it."""
         self.prior = np.zeros(self.equations.size)
         self.prior[self.equations.free.size :] = 1.0 / UNKNOWN_VARIANCE
         for group, value in zip(self.equations.groups, variance, strict=True):
@@ -303,7 +302,6 @@ class IterativeInverse:
         ]
 
     def _solve_columns(self, right: Array, tolerance: float, start: Array | None = None) -> Array:
-        """Solve for each of some columns."""
         size, added = right.shape[0], self.prior + self.fixed
 
         def times(vector: Array) -> Array:
@@ -344,7 +342,6 @@ def _signs(rows: int, columns: int) -> Array:
 
 
 def _next_variance(energy: float, unknown: float, size: int, before: float) -> float:
-    """Schall's step of one variance: energy of the effects over the number that the data show."""
     effective = max(size - unknown / before, 1e-9 * size)
     return min(max(energy / effective, SMALLEST_VARIANCE), LARGEST_VARIANCE)
 

@@ -249,7 +249,6 @@ def _without_common(normal: Floats, rest: Floats, day: Ints, rows: Ints) -> Floa
 
 
 def _variances(terms: Floats, squares: Floats) -> Floats:
-    """Non-negative variances s with E(squares) = terms s, large squares limited."""
     # Moments, not a likelihood: the days contain the steps and gross errors to be detected, and the
     # limit on each square reduces their effect.
     terms, squares = terms[terms[:, 0] > 0], squares[terms[:, 0] > 0]
@@ -269,7 +268,6 @@ def _variances(terms: Floats, squares: Floats) -> Floats:
 def _persistence(
     noise: Noise, normal: Floats, rest: Floats, day: Ints, groups: list[Ints]
 ) -> float:
-    """Correlation of the residuals of an aircraft's days with the next day's."""
     product = square = 0.0
     for rows in groups:
         weight, score = noise.weights(normal[rows], rest[rows])

@@ -7,20 +7,20 @@ least 100 reports an aircraft. Units: m/s; shares of reports.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
 
 import numpy as np
 from scipy.special import gammaln
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.reported_variables import KINDS, UNITS, Variable, cells_of
+from airswing.gap.archive.reported_variables import KINDS, Variable, cells_of
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.distribution.entries import against_chance, closes, effect_of, place_of
 from airswing.gap.effects.base import Stated, number
 from airswing.gap.model.candidates import OF_WIND
 from airswing.gap.model.sums import GATE
 from airswing.gap.noise import NoiseFit, gross_errors
-from airswing.gap.result.schema import ClosesEntry, CurveEntry, EffectEntry, PlaceEntry
+from airswing.gap.result.schema import ClosesEntry, EffectEntry, PlaceEntry
+from airswing.gap.result.statement import curve_over
 from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
@@ -171,15 +171,7 @@ def gross_by_variable(
     if evidence < GATE or entry.closure is None:
         return None
     size = number(entry.parameters["size_m_s"]) * np.sqrt(rate)
-    curve = CurveEntry(
-        [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)],
-        size.tolist(),
-        unit="m/s",
-        variables=[variable.name],
-        variable_units=[UNITS[variable.name]],
-        edges=[edges.tolist()],
-        values=size.tolist(),
-    )
+    curve = curve_over([variable.name], [edges.tolist()], size, "m/s")
     typical = float(np.median(size[size > 0]))
     return place_of(
         "scatter", variable.name, tails, frame.tails, evidence, typical, curve, entry.closure

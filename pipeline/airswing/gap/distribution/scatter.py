@@ -11,12 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.reported_variables import KINDS, UNITS, Variable, cells_of
+from airswing.gap.archive.reported_variables import KINDS, Variable, cells_of
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.design import heading_doubt
 from airswing.gap.distribution.entries import LEAST_LEFT, mean_reduction, place_of
@@ -27,6 +26,7 @@ from airswing.gap.model.sums import GATE, days_of
 from airswing.gap.model.terms import Statistics, noise_factor
 from airswing.gap.noise import NoiseFit, interpolation_errors, whitening_gains
 from airswing.gap.result.schema import CurveEntry, PlaceEntry
+from airswing.gap.result.statement import curve_over
 from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.physics.robust_spread import robust_sd
 
@@ -147,7 +147,6 @@ def _mean_by_bank(frame: Frame, y: Floats, valid: Booleans) -> Floats:
 
 
 def _sums(key: Integers, y: Floats, used: Booleans, number: int) -> tuple[Floats, Floats]:
-    """Count and sum of the values in use by key, (number,)."""
     count = np.bincount(key[used], minlength=number).astype(np.float64)
     return count, np.asarray(np.bincount(key[used], y[used], minlength=number), np.float64)
 
@@ -223,15 +222,7 @@ def _by_variable(
     sizes = np.where(inside, values[np.maximum(cell, 0)], 0.0)
     if not sizes.any():
         return None
-    curve = CurveEntry(
-        [f"{a:.4g} to {b:.4g}" for a, b in pairwise(edges)],
-        values.tolist(),
-        unit="m/s",
-        variables=[variable.name],
-        variable_units=[UNITS[variable.name]],
-        edges=[edges.tolist()],
-        values=values.tolist(),
-    )
+    curve = curve_over([variable.name], [edges.tolist()], values, "m/s")
     return _place(frame, residual, gross, variable.name, candidate.tails, evidence, sizes, curve)
 
 

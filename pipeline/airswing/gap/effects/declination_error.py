@@ -162,7 +162,6 @@ def _secular_patterns(frame: Frame) -> Floats:
 
 
 def _coefficients_of_year(frame: Frame, patterns: Floats, epoch_year: float) -> Floats:
-    """Least-squares coefficients of some patterns (k, n) for the table of an epoch."""
     change = np.nan_to_num(declination_change(frame, epoch_year=epoch_year))
     return np.asarray(np.linalg.lstsq(patterns.T, change, rcond=1e-6)[0])
 

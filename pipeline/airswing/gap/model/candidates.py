@@ -153,7 +153,6 @@ class Curve:
 
     @property
     def _knot_distances(self) -> Floats:
-        """Distances between knots, in knots."""
         number = np.arange(self.knots.size)
         distance = np.abs(np.subtract.outer(number, number))
         if KINDS[self.variable][0] == "circular":
@@ -364,7 +363,6 @@ class Candidates:
         return self._averaged(table, rows, range(DRAWS))
 
     def _averaged(self, table: Table, rows: slice, draws: Sequence[int]) -> Singles:
-        """Columns of a table averaged over some of the likely winds."""
         total: Singles = np.zeros((1, 1, 1), np.float32)
         for k in draws:
             values = [

@@ -104,7 +104,6 @@ Gaussians = tuple[Floats, Floats, Floats]  # level (..., A), score (..., A, m), 
 
 
 def _sum_of_cases(affected: Booleans, inside: Gaussians, outside: Gaussians) -> Gaussians:
-    """Sums over aircraft, of one case for the affected and of the other for the rest."""
     return (
         np.where(affected, inside[0], outside[0]).sum(axis=-1),
         np.where(affected[..., None], inside[1], outside[1]).sum(axis=-2),

@@ -202,7 +202,6 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
 
 
 def _contest_of_all(model: Model, terms: Sequence[Term], place: Term | None = None) -> list[Term]:
-    """Contest of all candidates given terms, for the place of a term or to be added."""
     added = add_pairs(model) if place is None or len(place.group.variables) == 2 else []
     ranking = contest(model, terms, screen(model))
     if place is not None and place.group.refined and ranking and not ranking[0].group.named:
@@ -439,7 +438,6 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
 def _best_table(
     model: Model, terms: list[Term], term: Term, tables: Sequence[Table], weight: float
 ) -> Term:
-    """Best of a term and the same with other tables, the log prior of each less by ``weight``."""
     candidates = model.sums.candidates
     rest = [t for t in terms if t is not term]
     now = _rescored(model, rest, term).score

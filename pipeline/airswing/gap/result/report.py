@@ -178,9 +178,7 @@ def _evidence_entries(fitted: Fitted) -> list[EvidenceEntry]:
                     scope={"a": "aircraft", "f": "fleet"}[scope],
                     known="|" not in name,
                     subset=list(term.group.form) if same else [],
-                    tempered_nats=float(term.score - margin),
-                    raw_nats=float(term.score - margin),
-                    cluster_factor=float(fitted.model.kappa),
+                    evidence_nats=float(term.score - margin),
                     posterior=_floats(term.inclusion if same else None),
                 )
             )

@@ -224,9 +224,7 @@ class EvidenceEntry:
     scope: str
     known: bool
     subset: Sequence[int]
-    tempered_nats: Number
-    raw_nats: Number
-    cluster_factor: Number
+    evidence_nats: Number
     posterior: Sequence[Number]
 
 
@@ -394,11 +392,9 @@ class GapReport:
     headings_uuid: str | None = None
     unconfirmed: Sequence[Mapping[str, object]] = ()
     waterfall: Sequence[StepEntry] = ()
-    alone_kt: Sequence[float] = ()
     evidence: Sequence[EvidenceEntry] = ()
     untestable: Mapping[str, str] = field(default_factory=dict)
     slices: Sequence[SliceEntry] = ()
-    reliability: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     ambiguity: Mapping[str, Sequence[RivalEntry]] = field(default_factory=dict)
     calibration: CalibrationPair | None = None

@@ -318,28 +318,26 @@ def table_curve(fitted: Fitted, table: Table, tails: Sequence[int], values: Floa
     middle = rows.mean(axis=0)
     differs = float(np.abs(rows - middle).max()) > 1e-9
     per_tail = {fitted.frame.tails[a]: row.tolist() for a, row in zip(tails, rows, strict=True)}
-    return CurveEntry(
-        labels=_labels(names, edges),
-        m_s=middle.tolist(),
-        unit=UNIT_OF[table.component],
-        variables=names,
-        variable_units=[UNITS[name] for name in names],
-        edges=edges,
-        values=middle.tolist(),
-        per_tail=per_tail if differs else None,
+    return curve_over(
+        names, edges, middle, UNIT_OF[table.component], per_tail=per_tail if differs else None
     )
 
 
-def _labels(names: Sequence[str], edges: Sequence[Sequence[float]]) -> list[str]:
-    out = [""]
+def curve_over(
+    names: Sequence[str],
+    edges: Sequence[Sequence[float]],
+    values: Floats,
+    unit: str,
+    per_tail: Mapping[str, Sequence[float]] | None = None,
+) -> CurveEntry:
+    """Values in the cells between the edges of each variable, in C order."""
+    labels = [""]
     for name, bounds in zip(names, edges, strict=True):
-        cells = (
-            list(CATEGORIES[name])
-            if name in CATEGORIES
-            else [f"{a:.4g} to {b:.4g}" for a, b in pairwise(bounds)]
-        )
-        out = [f"{label}; {cell}" if label else cell for label in out for cell in cells]
-    return out
+        between = [f"{a:.4g} to {b:.4g}" for a, b in pairwise(bounds)]
+        cells = CATEGORIES.get(name, between)
+        labels = [f"{label}; {cell}" if label else cell for label in labels for cell in cells]
+    units, values = [UNITS[name] for name in names], values.tolist()
+    return CurveEntry(labels, values, unit, names, units, edges, values, per_tail)
 
 
 #: Share of a curve's variance that a simple shape must hold to be stated.

@@ -227,7 +227,6 @@ class _Keys:
         return frame, x, y
 
     def _earth(self) -> str:
-        """PROJ parameters of the earth."""
         if self.edition == 1:
             oblate = self.integer("earthIsOblate")
             axes = (6378160.0, 6356775.0) if oblate else (6367470.0, 6367470.0)

@@ -417,7 +417,6 @@ def _roles(
 
 
 def _valid_time_of(candidates: list[xr.DataArray], name: str) -> xr.DataArray | None:
-    """The valid time among the candidates: the coordinate of a dimension, or the only one."""
     most = max((coord.ndim for coord in candidates), default=0)
     for test in (
         lambda coord: coord.attrs.get("standard_name") == "time" or coord.name == "valid_time",

@@ -124,7 +124,6 @@ def _netcdf(path: str, engine: str) -> xr.Dataset:
 
 
 def _groups(group: Any) -> list[str]:
-    """Paths of all groups below one."""
     return [path for child in group.groups.values() for path in (str(child.path), *_groups(child))]
 
 
@@ -197,7 +196,6 @@ def _described(path: str) -> tuple[list[tuple[Any, ...]], Counter[tuple[str, str
 
 
 def _field(path: str, number: int, outer: tuple[int, ...]) -> NDArray[np.float64]:
-    """Values of one field; in a worker process."""
     ds, _ = _variables(path, os.stat(path).st_mtime_ns)[0][number]
     array = next(iter(ds.data_vars.values()))
     return np.asarray(array[outer].values, dtype=np.float64)
@@ -322,7 +320,6 @@ class DatasetReader(Reader):
 
 
 def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> None:
-    """Read the box around all pieces and add their values to the targets."""
     staggered = {"x": stored.x, "y": stored.y}.get(stored.stagger)
     box = {d: slice(0, size) for d, size in zip(stored.dims, stored.shape, strict=True)}
     for dim in pieces[0].at:

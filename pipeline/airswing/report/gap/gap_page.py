@@ -300,8 +300,8 @@ def _statistics_section(gap: GapReport, drawn: _Drawn) -> html.Section:
 def _evidence_table(gap: GapReport) -> Markup:
     best: dict[str, float] = {}
     for entry in gap.evidence:
-        if entry.known and entry.tempered_nats is not None and np.isfinite(entry.tempered_nats):
-            best[entry.name] = max(entry.tempered_nats, best.get(entry.name, -np.inf))
+        if entry.known and entry.evidence_nats is not None and np.isfinite(entry.evidence_nats):
+            best[entry.name] = max(entry.evidence_nats, best.get(entry.name, -np.inf))
     marks = {effect.name: "found" for effect in gap.effects}
     rivals = {name: "ambiguous" for effect in gap.effects for name in effect.ambiguous_with}
     rows = [

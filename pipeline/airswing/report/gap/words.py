@@ -125,7 +125,6 @@ def parameters_text(effect: EffectEntry | TailEntry, brief: bool = False) -> str
 
 
 def _parameter_text(name: str, value: object, half: float, values: Sequence[float]) -> str:
-    """Return a parameter with half its interval, or the range of its values."""
     ending = next((suffix for suffix in _ENDINGS if name.endswith(suffix)), "")
     label = "at" if name.startswith("at_") else name.removesuffix(ending).replace("_", " ")
     unit, factor = _ENDINGS.get(ending, ""), 1.0 / KNOT if ending == "_m_s" else 1.0
@@ -209,7 +208,6 @@ def headline(gap: GapReport) -> str:
 
 
 def _unexplained(place: PlaceEntry) -> str:
-    """Return ``unexplained error by temperature``, or ``unexplained scatter``."""
     variables = " and ".join(place.variables).replace("_", " ")
     if place.component != "scatter":
         return f"unexplained error by {variables}"

@@ -147,7 +147,6 @@ def monitoring_section(monitoring: Monitoring) -> html.Section:
 
 
 def _new_events(monitoring: Monitoring) -> str:
-    """Return the new events by kind, and the aircraft that need another table."""
     new = [event.kind for event in monitoring.new_events]
     counts = [f"{words} ({new.count(kind)})" for kind, words in WORDS.items() if kind in new]
     text = f"New up to {monitoring.until}: {', '.join(counts)}." if new else "No new event."

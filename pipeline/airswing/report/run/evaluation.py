@@ -62,12 +62,10 @@ _USED_ELSEWHERE = {
 
 
 def _change(content: Content, key: str) -> str:
-    """Return a speed of the content and its interval."""
     return html.amount(content.get(f"{key}_kt"), content.get(f"{key}_ci_kt"), unit="kt")
 
 
 def _speeds(entries: Iterable[Content], key: str) -> tuple[Floats, Floats]:
-    """Return speeds of entries (n,) and their intervals (2, n), kt."""
     pairs = [(entry[f"{key}_kt"], entry.get(f"{key}_ci_kt") or (None, None)) for entry in entries]
     value, ends = (np.array(column, float) for column in zip(*pairs, strict=True))
     return value, ends.T

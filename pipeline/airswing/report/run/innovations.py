@@ -22,7 +22,6 @@ _MOST_AIRCRAFT = 20  # in the figure
 
 
 def _unit(quantity: str) -> tuple[str, float]:
-    """Return the unit of a quantity as shown, and the factor to it."""
     return ("degree", 1.0) if quantity == "direction" else ("kt", 1.0 / KNOT)
 
 

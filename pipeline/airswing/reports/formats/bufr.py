@@ -142,7 +142,6 @@ def decode_messages(messages: list[bytes]) -> tuple[list[Record], int]:
 
 
 def _subsets(message: int) -> Iterator[list[tuple[str, Value]]]:
-    """Keys and values of each subset, in the order of the message."""
     import eccodes
 
     number = int(eccodes.codes_get(message, "numberOfSubsets"))
@@ -167,7 +166,6 @@ def _subsets(message: int) -> Iterator[list[tuple[str, Value]]]:
 
 
 def _value(value: object) -> Value:
-    """A value of ecCodes, None where it is missing."""
     if isinstance(value, str | bytes):
         text = value if isinstance(value, str) else value.decode("ascii", "replace")
         return text if text.isprintable() else None

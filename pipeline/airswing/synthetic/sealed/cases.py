@@ -115,7 +115,6 @@ def plan_cases(
 
 
 def _counts(number: int, rungs: Sequence[int]) -> dict[int, int]:
-    """Distribute ``number`` over rungs by largest remainder."""
     total = sum(RUNGS[rung] for rung in rungs)
     exact = {rung: number * RUNGS[rung] / total for rung in rungs}
     counts = {rung: int(value) for rung, value in exact.items()}

@@ -138,7 +138,6 @@ def _calibrating(short: World, effects: Effects) -> pd.DataFrame:
 
 @functools.lru_cache(maxsize=2)
 def _fields(world: World, on_models: str) -> dict[str, GriddedReference]:
-    """Gridded models of a world under some effects on them (JSON)."""
     return simulate(Scenario(effects=json.loads(on_models), **generator_options(world)))[1]
 
 
@@ -300,7 +299,6 @@ def write_model_case(
 
 
 def _read_disagreement(folder: Path, run: GriddedReference, start: np.datetime64) -> float:
-    """Mean disagreement of written reports with a run's winds, kt."""
     table = pd.concat([pd.read_csv(path) for path in sorted(folder.glob("*.csv"))])
     table = table[table["temperature_qc"] == "pass"]
     times = pd.to_datetime(table["time"]).dt.tz_localize(None).to_numpy("datetime64[s]")
@@ -392,7 +390,6 @@ class Archivist:
         return scaled(drawn, size / max(strength_of(drawn, ordinary), 1e-6))
 
     def _write_sample(self, folder: Path, world: World, effects: Effects) -> dict[str, float]:
-        """Write reports and configuration; return the disagreement with and without effects."""
         frame = self._simulated(world, effects)
         bare = frame if not effects else self._without(world)
         write_reports(folder / "reports", frame)
