@@ -336,8 +336,8 @@ def curve_over(
         between = [f"{a:.4g} to {b:.4g}" for a, b in pairwise(bounds)]
         cells = CATEGORIES.get(name, between)
         labels = [f"{label}; {cell}" if label else cell for label in labels for cell in cells]
-    units, values = [UNITS[name] for name in names], values.tolist()
-    return CurveEntry(labels, values, unit, names, units, edges, values, per_tail)
+    units, flat = [UNITS[name] for name in names], values.tolist()
+    return CurveEntry(labels, flat, unit, names, units, edges, flat, per_tail)
 
 
 #: Share of a curve's variance that a simple shape must hold to be stated.
