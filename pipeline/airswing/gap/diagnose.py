@@ -228,11 +228,10 @@ def _effects_without_mean(
         if entry.name == "outliers":
             reduction, affected = reduction_of_gross, erring
         entry = replace(entry, closure=reduction(frame, rest, entry, gross))
-        conditional = None
-        if dictionary and entry.name == "outliers":
-            variables = fitted.model.sums.candidates.variables
-            conditional = gross_by_variable(frame, entry, gross, variables)
-        out.append(conditional or entry)
+        variables = fitted.model.sums.candidates.variables
+        conditional = dictionary and affected is erring
+        place = gross_by_variable(frame, entry, gross, variables) if conditional else None
+        out.append(place or entry)
         affected.extend(frame.tails.index(tail) for tail in entry.tails)
     if not dictionary:
         return out

@@ -217,6 +217,7 @@ def starting_point(
 
 
 def _remove(start: Start, effects: Sequence[ActiveEffect], source: str, *, strict: bool) -> Start:
+    """Remove effects; those of aircraft that are not in the archive are refused or omitted."""
     removed = list(effects)
     if not strict:
         removed, tails = [], start.frame.tails

@@ -221,6 +221,7 @@ def make_stability(job: Job, headings: xr.Dataset, fits: xr.Dataset) -> Content:
 
 
 def _months_note(job: Job, headings: xr.Dataset) -> tuple[Content, list[str]]:
+    """Settings and months of a run, to compare with those of the next, and the months made."""
     months = json.loads(str(headings.attrs.get("months", "{}")))
     remade = months.get("made", [])
     config = job.config.model_dump(exclude={"compute", "output", "metadata"})

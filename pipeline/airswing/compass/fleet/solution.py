@@ -342,6 +342,7 @@ def _signs(rows: int, columns: int) -> Array:
 
 
 def _next_variance(energy: float, unknown: float, size: int, before: float) -> float:
+    """Schall's step of one variance: energy of the effects over the number that the data show."""
     effective = max(size - unknown / before, 1e-9 * size)
     return min(max(energy / effective, SMALLEST_VARIANCE), LARGEST_VARIANCE)
 

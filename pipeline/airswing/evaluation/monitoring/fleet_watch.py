@@ -249,6 +249,7 @@ def _without_common(normal: Floats, rest: Floats, day: Ints, rows: Ints) -> Floa
 
 
 def _variances(terms: Floats, squares: Floats) -> Floats:
+    """Non-negative variances s with E(squares) = terms s, large squares limited."""
     # Moments, not a likelihood: the days contain the steps and gross errors to be detected, and the
     # limit on each square reduces their effect.
     terms, squares = terms[terms[:, 0] > 0], squares[terms[:, 0] > 0]

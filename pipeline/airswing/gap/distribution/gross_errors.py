@@ -15,6 +15,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import KINDS, Variable, cells_of
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.distribution.entries import against_chance, closes, effect_of, place_of
+from airswing.gap.distribution.scatter import NATURAL
 from airswing.gap.effects.base import Stated, number
 from airswing.gap.model.candidates import OF_WIND
 from airswing.gap.model.sums import GATE
@@ -24,11 +25,6 @@ from airswing.gap.result.statement import curve_over
 from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.physics.robust_spread import robust_sd
 from airswing.units import KNOT
-
-#: Relative variation of the rate of gross errors over a variable: of errors that occur at random,
-#: which are found more often where the noise is small (on simulated archives their log evidence is
-#: -2 and less), and of errors that depend on it.
-RANDOM, DEPENDENT = 0.2, 1.0
 
 
 def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | None:
@@ -150,9 +146,9 @@ def gross_by_variable(
     """Entry of gross errors whose rate depends on a variable, in place of that of `outliers`.
 
     Its log evidence is that of two Dirichlet-multinomial laws of the counts in cells of the
-    variable, whose rates vary by `DEPENDENT` and by `RANDOM`. Left out are the reported wind, which
-    the error itself changes, and the turn, which is zero at the first report of a flight, where no
-    error is marked.
+    variable: with rates that vary as much as their mean (a uniform prior), and by `NATURAL`. Left
+    out are variables that the error itself changes: the reported wind, and the turn, because the
+    velocity over ground near turns is estimated with it (`airswing.physics.turns`).
     """
     tails = [frame.tails.index(tail) for tail in entry.tails]
     affected = np.isin(frame.aircraft, tails)
@@ -162,13 +158,17 @@ def gross_by_variable(
         edges = variable.edges(24 if KINDS[variable.name][0] != "category" else 3)
         cell = cells_of(variable.values, edges)
         used = affected & (cell >= 0)
+        if not used.any():
+            continue
         count = np.bincount(cell[used], minlength=edges.size - 1)
         hits = np.bincount(cell[used & gross], minlength=edges.size - 1)
-        evidence = _log_evidence(hits, count, DEPENDENT) - _log_evidence(hits, count, RANDOM)
+        evidence = _log_evidence(hits, count, 1.0) - _log_evidence(hits, count, NATURAL)
         found.append((evidence, variable, edges, hits / np.maximum(count, 1)))
+    if not found or entry.closure is None:
+        return None
     evidence, variable, edges, rate = max(found, key=lambda row: row[0])
     evidence -= float(np.log(len(found)))
-    if evidence < GATE or entry.closure is None:
+    if evidence < GATE:
         return None
     size = number(entry.parameters["size_m_s"]) * np.sqrt(rate)
     curve = curve_over([variable.name], [edges.tolist()], size, "m/s")

@@ -35,7 +35,8 @@ DRAWS = 2
 #: Variance of the logarithm of an exponential variable (the squared length of two normal
 #: components), pi^2 / 6, with that of the mean of the simulated ones.
 LOG_VARIANCE = np.pi**2 / 6 * (1 + 1 / DRAWS)
-#: Variation of log variance over weather and routes, and of single aircraft, that is no effect.
+#: Variation of log variance over weather and routes, and of single aircraft, that is no effect;
+#: also the relative variation of the rate of gross errors.
 NATURAL = 0.2
 #: Reports an aircraft must have: the mean of their y is known to 0.11.
 LEAST_REPORTS = 200

@@ -131,6 +131,7 @@ def fit_model(
 
 
 def _likeliest_exchange(fitted: Fitted, effects: Mapping[str, Effect]) -> Exchange | None:
+    """The likeliest exchange where it beats none, and changes of the two aircraft."""
     groups = fitted.model.sums.candidates.groups
     steps = [g for g in groups if g.named and g.dated and g.size == 3]
     if not steps:

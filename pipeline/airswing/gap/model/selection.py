@@ -438,6 +438,7 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
 def _best_table(
     model: Model, terms: list[Term], term: Term, tables: Sequence[Table], weight: float
 ) -> Term:
+    """Best of a term and the same with other tables, the log prior of each less by ``weight``."""
     candidates = model.sums.candidates
     rest = [t for t in terms if t is not term]
     now = _rescored(model, rest, term).score
