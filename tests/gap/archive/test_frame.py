@@ -220,25 +220,26 @@ def test_constant_values_are_no_variable(three_days):
 
 @pytest.fixture(scope="module")
 def turning():
-    """Two flights of a report a minute: north, east from the fourth on, west from the seventh."""
+    """Two flights of a report a minute: north, then east, then north-west."""
     frame = make_frame(seed=1, aircraft=1, days=2).take(np.arange(20))
-    track = np.radians(np.tile([0.0, 0, 0, 90, 90, 90, -30, -30, -30, -35], 2))
+    course = np.radians([0.0, 0, 0, 90, 90, 90, -30, -30, -30])
+    east, north = 0.05 * np.cumsum([np.sin(course), np.cos(course)], axis=1)
     flight = np.repeat([1, 2], 10)
     return replace(
         frame,
         flight=flight,
         time=60.0 * np.arange(20) + 7200.0 * flight,
-        ground_u=100 * np.sin(track),
-        ground_v=100 * np.cos(track),
+        longitude=np.tile(np.r_[0.0, east], 2),
+        latitude=np.tile(np.r_[0.0, north], 2),
     )
 
 
 def test_turn_of_the_last_two_minutes_last_turn_and_flight_time(turning):
-    # the velocity at an end of a flight may depend on the wind reported there, and is not used
-    recent = [0, 0, 0, 90, 90, 0, -120, -120, 0, 0]
-    np.testing.assert_allclose(recent_turn(turning), [*recent, *recent], atol=1e-9)
-    last = [0, 0, 0, 90, 90, 90, -120, -120, -120, -120]
-    np.testing.assert_allclose(last_turn(turning), [*last, *last], atol=1e-9)
+    # half of a turn is at the fix between two courses; the ends have the track of the next fix
+    recent = [0, 0, 0, 45, 90, 45, -60, -120, -60, 0]
+    np.testing.assert_allclose(recent_turn(turning), [*recent, *recent], atol=0.05)
+    last = [0, 0, 0, 45, 45, 45, -60, -60, -60, -60]
+    np.testing.assert_allclose(last_turn(turning), [*last, *last], atol=0.05)
     minutes = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]
     np.testing.assert_allclose(flight_time(turning), [*minutes, *minutes])
     days = flight_time(replace(turning, time=np.where(turning.time > 15000, 1e6, turning.time)))

@@ -215,9 +215,9 @@ def last_turn(frame: Frame) -> Floats:
 def _tracks(frame: Frame) -> tuple[Integers, Booleans, Floats]:
     """Rows by flight and time, first reports of flights, and unwrapped tracks, degrees.
 
-    The velocity over ground at the ends of a flight may have been estimated with the reported wind
-    (`airswing.physics.turns`), whose noise is in the residual: that of the nearest report within
-    the flight replaces it.
+    The track at a report is that of the parabola through its position and the two next to it (at
+    the ends of a flight that of the nearest report within): the velocity over ground near a turn is
+    estimated with the reported wind (`airswing.physics.turns`), whose noise is in the residual.
     """
     order = np.lexsort((frame.time, frame.flight))
     begins = np.r_[True, np.diff(frame.flight[order]) != 0][: order.size]
@@ -226,5 +226,12 @@ def _tracks(frame: Frame) -> tuple[Integers, Booleans, Floats]:
     inside = ~begins & ~ends
     nearest[:-1][begins[:-1] & inside[1:]] += 1
     nearest[1:][ends[1:] & inside[:-1]] -= 1
-    track = np.arctan2(frame.ground_u, frame.ground_v)[order[nearest]]
+    latitude = np.radians(frame.latitude[order])
+    shrink = np.cos(0.5 * (latitude[1:] + latitude[:-1]))
+    east = np.diff(np.radians(frame.longitude[order])) * shrink
+    seconds = np.maximum(np.diff(frame.time[order]), 1.0)
+    velocity = (east + 1j * np.diff(latitude)) / seconds
+    at = np.zeros(order.size, complex)
+    at[1:-1] = velocity[:-1] * seconds[1:] + velocity[1:] * seconds[:-1]
+    track = np.angle(1j * np.conj(at[nearest]))
     return order, begins, np.degrees(np.unwrap(track))

@@ -146,14 +146,13 @@ def gross_by_variable(
     """Entry of gross errors whose rate depends on a variable, in place of that of `outliers`.
 
     Its log evidence is that of two Dirichlet-multinomial laws of the counts in cells of the
-    variable: with rates that vary as much as their mean (a uniform prior), and by `NATURAL`. Left
-    out are variables that the error itself changes: the reported wind, and the turn, because the
-    velocity over ground near turns is estimated with it (`airswing.physics.turns`).
+    variable: with rates that vary as much as their mean (a uniform prior), and by `NATURAL`. The
+    reported wind, which the error itself changes, is left out.
     """
     tails = [frame.tails.index(tail) for tail in entry.tails]
     affected = np.isin(frame.aircraft, tails)
     found: list[tuple[float, Variable, Floats, Floats]] = []
-    for name in sorted(variables.keys() - OF_WIND - {"turn"}):
+    for name in sorted(variables.keys() - OF_WIND):
         variable = variables[name]
         edges = variable.edges(24 if KINDS[variable.name][0] != "category" else 3)
         cell = cells_of(variable.values, edges)
