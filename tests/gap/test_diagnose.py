@@ -301,6 +301,28 @@ def test_an_effect_that_changes_no_mean_is_sized_and_closed(values, aircraft, no
 
 
 @pytest.mark.usefixtures("few_variables")
+@pytest.mark.parametrize(
+    ("name", "values", "component"),
+    [
+        ("heading_coding", {"step_deg": 10.0}, "reported_heading"),
+        ("outliers", {"fraction": 0.05, "size_m_s": 20.0}, "scatter"),
+    ],
+)
+def test_coding_and_gross_errors_without_a_name_are_stated_and_closed(name, values, component):
+    frame, before = (
+        make_frame(seed=7, aircraft=5, days=14, effects=effects, noise=0.3)
+        for effects in ((effect(name, [1, 3], **values),), ())
+    )
+    report = diagnose(frame, catalogue=SMALL).report
+    assert report.effects == []
+    (place,) = report.unknown.where
+    assert (place.component, place.tails) == (component, [frame.tails[1], frame.tails[3]])
+    low, high = place.closure.reduction_ci
+    true = disagreement(frame, before)
+    assert low < true < high and low > 0.4 * true
+
+
+@pytest.mark.usefixtures("few_variables")
 def test_a_sawtooth_is_one_statement_and_closed():
     """Its jumps are finer than knots: they are no second function of the altitude."""
     saw = {"variable": "altitude", "shape": "saw", "at": 0.55, "width": 0.33}

@@ -15,6 +15,7 @@ from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
 from airswing.gap.checks import Adjustment, run_checks
 from airswing.gap.distribution.coded_values import coded_effects, reduction_of_coding
+from airswing.gap.distribution.entries import unnamed
 from airswing.gap.distribution.gross_errors import (
     gross_by_variable,
     outliers,
@@ -222,7 +223,9 @@ def _effects_without_mean(
     coded, erring = list[int](), list[int]()
     for entry in entries:
         # from odds of a thousand
-        if entry is None or entry.name not in catalogue or entry.evidence_nats < 7.0:
+        if entry is None or entry.evidence_nats < 7.0:
+            continue
+        if entry.name not in catalogue and not dictionary:
             continue
         reduction, affected = reduction_of_coding, coded
         if entry.name == "outliers":
@@ -231,6 +234,8 @@ def _effects_without_mean(
         variables = fitted.model.sums.candidates.variables
         conditional = dictionary and affected is erring
         place = gross_by_variable(frame, entry, gross, variables) if conditional else None
+        if place is None and entry.name not in catalogue:
+            place = unnamed(entry, frame)
         out.append(place or entry)
         affected.extend(frame.tails.index(tail) for tail in entry.tails)
     if not dictionary:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects.base import Stated
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, EffectEntry, PlaceEntry, TailEntry
@@ -17,6 +18,16 @@ PerTail = Mapping[str, Stated]  # aircraft -> parameters
 
 #: Share of the mean square that is always left.
 LEAST_LEFT = 0.05
+
+
+#: Component and variable of effects that have no name where a catalogue leaves it out.
+_SHOWN_BY = {
+    "wind_coding": ("reported_wind", "wind_direction"),
+    "position_coding": ("reported_position", "latitude"),
+    "heading_coding": ("reported_heading", "magnetic_heading"),
+    "time_lag": ("reported_time", "time"),
+    "outliers": ("scatter", "scatter"),
+}
 
 
 def against_chance(count: int, share: float, chance: float) -> float:
@@ -91,6 +102,21 @@ def place_of(
         closure=closure,
         probability=probability(evidence),
     )
+
+
+def unnamed(entry: EffectEntry, frame: Frame) -> PlaceEntry:
+    """State an effect whose name is not in the catalogue by the variable that shows it.
+
+    Its size is the mean reduction of the reports of the affected aircraft.
+    """
+    assert entry.closure is not None
+    component, variable = _SHOWN_BY[entry.name]
+    tails = frame.tails
+    affected = [tails.index(tail) for tail in entry.tails]
+    size = entry.closure.reduction * KNOT / float(np.isin(frame.aircraft, affected).mean())
+    curve = CurveEntry(entry.tails, [size] * len(affected))
+    evidence = entry.evidence_nats
+    return place_of(component, variable, affected, tails, evidence, size, curve, entry.closure)
 
 
 def closes(kt: float, error: float) -> ClosesEntry:
