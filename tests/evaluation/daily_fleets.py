@@ -102,7 +102,7 @@ def daily_sums(world, *, aircraft, days, seed, change=None):
         y_cross = w.airspeed * np.radians(off) + error[..., 0] * cosine - error[..., 1] * sine
         y_along = error[..., 0] * sine + error[..., 1] * cosine
         y, flown = np.stack([y_cross, y_along]), (2, of.size, w.flights, w.legs)
-        x, error = np.stack([cross, along]).reshape(*flown, -1), y.reshape(flown)
+        x, error = np.stack([cross.T, along.T]).reshape(*flown, -1), y.reshape(flown)
         normal = count * np.einsum("knfli,knflj->nfij", x, x, optimize=True)
         right = count * np.einsum("knfli,knfl->nfi", x, error, optimize=True)
         normal, right = (by_flight.sum(1) for by_flight in without_flight_bias(normal, right))

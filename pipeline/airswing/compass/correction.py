@@ -442,10 +442,10 @@ def _correct(headings: xr.Dataset, fit: xr.Dataset, *, method: str, scaled: bool
         curve_error[block] = curve_standard_error(covariance, argument[block], gain[block])
     if method == "table":
         table = error_from_table(fit).to_numpy()[row]
-        from_table = unit_interpolation(table, argument)
+        lower, upper, share = _nodes_around(table, argument)
+        from_table = lower * (1 - share) + upper * share
         # the known difference of table and curve counts as an error: the unit does not remove it
         curve_error, error = np.hypot(curve_error, from_table - error), from_table
-        lower, upper, _ = _nodes_around(table, argument)
         slope = (upper - lower) * table.shape[-1] / 360.0  # degrees per degree
     scale, scale_error = np.zeros(row.size), np.zeros(row.size)
     if scaled:  # fits of an offset have no airspeed scale

@@ -274,7 +274,8 @@ class PairSums:
         # normal matrix and, last, the right side of each day: (day, p, p + 1)
         order = np.argsort(day, kind="stable")
         days, start = np.unique(day[order], return_index=True)
-        sides = [np.column_stack(pair)[order] for pair in ((cross, y_cross), (along, y_along))]
+        pairs = (cross, y_cross), (along, y_along)
+        sides = [np.column_stack([*design, y])[order] for design, y in pairs]
         edges = pairwise([*start.tolist(), order.size])
         equations = np.array([sum(p[i:j, :-1].T @ p[i:j] for p in sides) for i, j in edges])
         self.common[days] += common_equations(equations)

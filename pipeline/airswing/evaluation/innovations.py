@@ -166,16 +166,16 @@ def member_mean(values: _Winds) -> _Winds:
 def paired_design(
     magnetic_heading: Floats, heading: Floats, airspeed: Floats
 ) -> tuple[Floats, Floats]:
-    """Design of the joint fit across and along the heading, each (report, 8), rows in m/s.
+    """Design of the joint fit across and along the heading, each (8, report), in m/s.
 
-    Columns A, B, C, D, E (radians), airspeed scale, and the bias b_u, b_v (m/s); see
+    Rows A, B, C, D, E (radians), airspeed scale, and the bias b_u, b_v (m/s); see
     docs/method.md: cross-track V psi_err, along-track |V_A| - |V'_A|. Headings in radians, airspeed
     in m/s.
     """
     zero, sine, cosine = np.zeros_like(heading), np.sin(heading), np.cos(heading)
     cross = [*(airspeed * deviation_basis(magnetic_heading)), zero, cosine, -sine]
     along = [zero, zero, zero, zero, zero, airspeed, sine, cosine]
-    return np.column_stack(cross), np.column_stack(along)
+    return np.stack(cross), np.stack(along)
 
 
 def error_profiles(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import dask.array as da
@@ -180,15 +181,14 @@ def _reports_by_aircraft(
 
     def chunk(block_id: tuple[int, ...]) -> NDArray[np.generic]:
         group = groups[block_id[-1]]
-        values, owner = [], []
+        by_month = []
         for variable, number, end, more in zip(
             columns, counts[:, group], stop[:, group], added, strict=True
         ):
             block = variable[..., end[0] - number[0] : end[-1]].to_numpy()
-            values.append(block + more if more else block)
-            owner.append(np.repeat(np.arange(number.size), number))
-        order = np.argsort(np.concatenate(owner), kind="stable")
-        return np.concatenate(values, axis=-1)[..., order].astype(dtype)
+            block = block + more if more else block
+            by_month.append(np.split(block, np.cumsum(number[:-1]), axis=-1))
+        return np.concatenate([*chain(*zip(*by_month, strict=True))], axis=-1, dtype=dtype)
 
     sizes = tuple(int(counts[:, group].sum()) for group in groups)
     lazy: da.Array = da.map_blocks(

@@ -149,10 +149,12 @@ class _MemberModel:
         np.multiply(reports.basis, speed, out=self.design[0, :COMPASS])
         self.design[0, 6:] = self.cosine, -self.sine
         self.design[1, COMPASS:] = reports.airspeed, self.sine, self.cosine
-        self.weighted = self.design * self.weight[:, np.newaxis]
-        across, along = self.weighted
-        self.normal = across @ self.design[0].T + along @ self.design[1].T
-        self.score = -(across @ self.residual[0] + along @ self.residual[1])
+        across, ahead = self.design[0], self.design[1, COMPASS:]
+        pull = self.weight * self.residual
+        self.terms = across * pull[0]  # (8, n): of the score
+        self.terms[COMPASS:] += ahead * pull[1]
+        self.normal = (across * self.weight[0]) @ across.T
+        self.normal[COMPASS:, COMPASS:] += (ahead * self.weight[1]) @ ahead.T
 
     def blocks(self, bias: Array, step: Array, kappa: float) -> Blocks:
         """Sums of the blocks; ``bias`` of the residual, ``step`` of A to E and s after it."""
@@ -263,9 +265,8 @@ def fit_aircraft(
         normal, score, scores = np.zeros((size, size)), np.zeros(size), np.zeros((flights, size))
         for model, place in zip(models, places, strict=True):
             normal[np.ix_(place, place)] += model.normal
-            score[place] += model.score
-            terms = (model.weighted * model.residual[:, np.newaxis]).sum(axis=0)
-            scores[:, place] -= group_sums(terms.T, model.reports.flight, flights)
+            score[place] -= model.terms.sum(axis=1)
+            scores[:, place] -= group_sums(model.terms.T, model.reports.flight, flights)
         total = sum(model.total for model in models)
         # slope of the robust score over the mean weight (Huber): about 0.8 for normal errors; near
         # zero or negative where almost all residuals are gross
@@ -291,7 +292,8 @@ def fit_aircraft(
     if min(flights, day_number.size) < MANY:
         sums = np.zeros((flights, size, size))
         for model, place in zip(models, places, strict=True):
-            terms = np.einsum("kin,kjn->nij", model.weighted, model.design, optimize=False)
+            weighted = model.design * model.weight[:, np.newaxis]
+            terms = np.einsum("kin,kjn->nij", weighted, model.design, optimize=False)
             sums[:, place[:, np.newaxis], place] += group_sums(terms, model.reports.flight, flights)
         normals = sums[:, free[:, np.newaxis], free]
     # at the solution the scores add up to zero except for the last step

@@ -197,13 +197,15 @@ def _normal_equations(
     # a flight past midnight is one flight of each day
     new = (np.diff(day[order]) != 0) | (np.diff(flight[order]) != 0)
     start = np.flatnonzero(np.append(order.size > 0, new))
-    across, ahead, cross, along = across[order], ahead[order], cross[order], along[order]
+    across, ahead, cross, along = across[:, order], ahead[:, order], cross[order], along[order]
     normal, right = np.empty((start.size, UNKNOWNS, UNKNOWNS)), np.empty((start.size, UNKNOWNS))
     # by pairs of columns: no loop over flights, and no matrix for each report
     for i in range(UNKNOWNS):
-        right[:, i] = np.add.reduceat(across[:, i] * cross + ahead[:, i] * along, start)
+        right[:, i] = np.add.reduceat(across[i] * cross + ahead[i] * along, start)
         for j in range(i, UNKNOWNS):
-            products = across[:, i] * across[:, j] + ahead[:, i] * ahead[:, j]
+            products = across[i] * across[j]
+            if ahead[i].any():  # zero for angles
+                products += ahead[i] * ahead[j]
             normal[:, i, j] = normal[:, j, i] = np.add.reduceat(products, start)
     normal, right = without_flight_bias(normal, right)
     days, first = np.unique(day[order], return_index=True)
@@ -212,15 +214,14 @@ def _normal_equations(
 
 
 def compass_design(magnetic: Floats, heading: Floats, airspeed: Floats) -> tuple[Floats, Floats]:
-    """Rows of a report's two equations in the unknowns :data:`UNKNOWNS`, each (n, 12).
+    """The two equations of each report in the unknowns :data:`UNKNOWNS`, each (12, n).
 
     Headings in radians, airspeed in m/s.
     """
     cross, along = paired_design(magnetic, heading, airspeed)
     waves = [wave(k * magnetic) for k in (3, 4) for wave in (np.sin, np.cos)]
     place = [ANGLES] * len(waves)
-    higher = airspeed[:, np.newaxis] * np.column_stack(waves)
-    return np.insert(cross, place, higher, axis=1), np.insert(along, place, 0.0, axis=1)
+    return np.insert(cross, place, airspeed * waves, axis=0), np.insert(along, place, 0.0, axis=0)
 
 
 def without_flight_bias(normal: Floats, right: Floats) -> tuple[Floats, Floats]:
@@ -242,11 +243,11 @@ def _not_gross(across: Floats, ahead: Floats, cross: Floats, along: Floats) -> N
     """Reports within :data:`GROSS` robust standard deviations of a first fit."""
     keep = np.isfinite(cross + along)
     for _ in range(2):
-        a, b = (rows if keep.all() else rows[keep] for rows in (across, ahead))
-        theta = np.linalg.pinv(a.T @ a + b.T @ b, hermitian=True) @ (
-            a.T @ cross[keep] + b.T @ along[keep]
+        a, b = (rows if keep.all() else rows[:, keep] for rows in (across, ahead))
+        theta = np.linalg.pinv(a @ a.T + b @ b.T, hermitian=True) @ (
+            a @ cross[keep] + b @ along[keep]
         )
-        distance = np.hypot(cross - across @ theta, along - ahead @ theta)
+        distance = np.hypot(cross - theta @ across, along - theta @ ahead)
         # the median of a Rayleigh variable is 1.177 times its parameter
         keep = distance < GROSS * np.nanmedian(distance[keep]) / 1.177
     return np.asarray(keep)
