@@ -13,6 +13,8 @@ from airswing.gap.archive.frame import AIRCRAFT_FIELDS
 from airswing.gap.archive.reported_variables import KINDS
 from airswing.gap.diagnose import attributed, diagnose
 from airswing.gap.effects import CATALOGUE
+from airswing.gap.effects.empirical import change_of
+from airswing.gap.model.refit import without_errors
 from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import active_effects
 from airswing.products.netcdf import open_product
@@ -320,6 +322,28 @@ def test_coding_and_gross_errors_without_a_name_are_stated_and_closed(name, valu
     low, high = place.closure.reduction_ci
     true = disagreement(frame, before)
     assert low < true < high and low > 0.4 * true
+
+
+@pytest.mark.usefixtures("few_variables")
+def test_errors_that_differ_between_flights_are_located_and_closed():
+    before = archive(seed=7, aircraft=6, days=20)
+    by_flight = np.random.default_rng(2).normal(0.0, np.radians(1.5), before.flight.max() + 1)
+    error = by_flight[before.flight] * np.isin(before.aircraft, [1, 4])
+    unit = change_of(
+        "heading_angle",
+        heading=before.heading,
+        airspeed=before.airspeed,
+        u=before.u_rep,
+        v=before.v_rep,
+    )
+    frame, _, _ = without_errors(before, -np.degrees(error)[:, None] * unit)
+    report = diagnose(frame, catalogue=SMALL).report
+    assert report.effects == []
+    (place,) = report.unknown.where
+    assert (place.component, place.variables) == ("heading_angle", ["flight"])
+    assert place.tails == [frame.tails[1], frame.tails[4]]
+    low, high = place.closure.reduction_ci
+    assert low < disagreement(frame, before) < high
 
 
 @pytest.mark.usefixtures("few_variables")

@@ -21,6 +21,7 @@ from airswing.gap.distribution.gross_errors import (
     outliers,
     reduction_of_gross,
 )
+from airswing.gap.distribution.lasting_errors import find_lasting_errors
 from airswing.gap.distribution.scatter import find_scatter
 from airswing.gap.distribution.sent_winds import find_sent_winds
 from airswing.gap.effects import CATALOGUE
@@ -246,7 +247,8 @@ def _effects_without_mean(
         out.append(sent[0])
         coded.extend(sent[1])
     scatter = find_scatter(fitted, rest, gross=gross, named=named, without=coded, seed=seed)
-    return out if scatter is None else [*out, scatter]
+    lasting = find_lasting_errors(fitted, rest, gross)
+    return [*out, *(place for place in (scatter, lasting) if place is not None)]
 
 
 def make_adjustment(fitted: Fitted, effects: Mapping[str, Effect]) -> Adjustment:

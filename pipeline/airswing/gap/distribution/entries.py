@@ -134,3 +134,17 @@ def mean_reduction(longer: Floats, affected: Booleans) -> ClosesEntry:
     kt = float(longer.sum()) / affected.size / KNOT
     drawn = float(longer.std()) * np.sqrt(longer.size) / affected.size / KNOT
     return closes(max(kt, 0.0), float(np.hypot(drawn, 0.16 * kt)))
+
+
+def reduction_of_scatter(residual: Floats, sizes: Floats, gross: Booleans) -> ClosesEntry:
+    """Closure by independent errors of some sizes (n,), m/s per component.
+
+    They add in squares: reports of one size would differ less by the root of the share of their
+    mean square that is left. ``residual`` is (n, 2).
+    """
+    affected = (sizes > 0) & ~gross
+    _, group = np.unique(sizes[affected], return_inverse=True)
+    square = (residual[affected] ** 2).sum(axis=1)
+    mean = np.bincount(group, square) / np.bincount(group)
+    left = np.maximum(1 - 2 * sizes[affected] ** 2 / mean[group], LEAST_LEFT)
+    return mean_reduction(np.sqrt(square) * (1 - np.sqrt(left)), affected)

@@ -18,7 +18,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.archive.reported_variables import KINDS, Variable, cells_of
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.design import heading_doubt
-from airswing.gap.distribution.entries import LEAST_LEFT, mean_reduction, place_of
+from airswing.gap.distribution.entries import place_of, reduction_of_scatter
 from airswing.gap.model.candidates import Curve, curve_of
 from airswing.gap.model.evidence import ScopeEvidence, static_evidence
 from airswing.gap.model.passes import Fitted
@@ -263,17 +263,7 @@ def _place(
     sizes: Floats,
     curve: CurveEntry,
 ) -> PlaceEntry:
-    """Entry with the closure by each report (n,) without the excess, m/s.
-
-    Independent errors add in squares: reports of a cell would differ less by the root of the share
-    of the mean square that is left.
-    """
-    affected = (sizes > 0) & ~gross
-    longer = np.zeros(frame.size)
-    for size in np.unique(sizes[affected]):
-        reports = affected & (sizes == size)
-        share = 2 * size**2 / float((residual[reports] ** 2).sum(axis=1).mean())
-        longer[reports] = np.hypot(*residual[reports].T) * (1 - np.sqrt(max(1 - share, LEAST_LEFT)))
-    closure = mean_reduction(longer[affected], affected)
+    """Entry of an excess of each report (n,), m/s, with its closure."""
     size = float(np.median([value for value in curve.m_s if value > 0]))
+    closure = reduction_of_scatter(residual, sizes, gross)
     return place_of("scatter", variable, tails, frame.tails, evidence, size, curve, closure)

@@ -235,7 +235,7 @@ def static_evidence(
         log_odds = np.concatenate([independent, shared_mean]) + number_prior(aircraft) - nothing
         weight = np.exp(log_sum(log_odds, axis=1) - log_sum(log_odds, axis=None))
         gains = np.concatenate([gain, gain_shared])
-        inclusion = sum(w * _inclusion(g) for w, g in zip(weight, gains, strict=True))
+        inclusion = sum(w * share_of_aircraft(g)[1] for w, g in zip(weight, gains, strict=True))
         evidence = float(log_sum(log_odds, axis=None)) - np.log(len(log_odds))
         shares_mean, k = divmod(int(log_odds.max(axis=1).argmax()), scales.size)
         affected = tuple(int(a) for a in np.flatnonzero(np.asarray(inclusion) > INCLUDED))
@@ -244,15 +244,18 @@ def static_evidence(
     return out
 
 
-def _inclusion(gain: Floats) -> Floats:
-    """Probability that each aircraft is affected, given its gain, integrated over their share.
+def share_of_aircraft(gain: Floats) -> tuple[float, Floats]:
+    """Integrate over the share of affected aircraft, given the gain (A,) of each.
 
-    Aircraft are independent given their share; nested sets alone would favour none or all.
+    Log evidence, and the probability (A,) that each is affected. Aircraft are independent given
+    their share; nested sets alone would favour none or all.
     """
     log_share, log_rest = np.log(SHARES)[:, None], np.log1p(-SHARES)[:, None]
     log_total = np.logaddexp(log_rest, log_share + gain)
-    weight = np.exp(log_total.sum(axis=1) - log_sum(log_total.sum(axis=1)))
-    return np.asarray(weight @ np.exp(log_share + gain - log_total))
+    by_share = log_total.sum(axis=1)
+    weight = np.exp(by_share - log_sum(by_share))
+    inclusion = np.asarray(weight @ np.exp(log_share + gain - log_total))
+    return float(log_sum(by_share) - np.log(SHARES.size)), inclusion
 
 
 # ------------------------------------------------------------------------------------------- dates

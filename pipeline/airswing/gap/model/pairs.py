@@ -80,11 +80,7 @@ def _evidence(model: Model, functions: Floats) -> Floats:
     their share of the sum, it is that of a Gaussian mean with unknown variance.
     """
     sums, candidates = model.sums, model.sums.candidates
-    white: Floats = np.empty((sums.n, 2))
-    white[sums.order] = model.inverse_residual.reshape(sums.n, 2)
-    score, _ = weighted_scores(white, sums.noise.order, sums.noise.gains)
-    if sums.noise.gains.direction is not None:
-        score = np.asarray(sums.noise.gains.direction.scale_reports(score))
+    score = report_scores(model)
     at, (u, v) = candidates.context, candidates.wind.T
     units = (change_of(c, heading=at.heading, airspeed=at.airspeed, u=u, v=v) for c in COMPONENTS)
     scores = np.stack([(score * unit).sum(axis=1)[sums.order] for unit in units])
@@ -105,6 +101,17 @@ def _evidence(model: Model, functions: Floats) -> Floats:
         out[:, a + 1] = _mean_evidence(by_period, count[a])
     out[:, 0] = _mean_evidence(fleet, count.sum(axis=0))
     return out
+
+
+def report_scores(model: Model) -> Floats:
+    """V^-1 (r - X_S theta_S) of every report, (n, 2) s m-1, given the terms in the model."""
+    sums = model.sums
+    white: Floats = np.empty((sums.n, 2))
+    white[sums.order] = model.inverse_residual.reshape(sums.n, 2)
+    score, _ = weighted_scores(white, sums.noise.order, sums.noise.gains)
+    if sums.noise.gains.direction is not None:
+        score = np.asarray(sums.noise.gains.direction.scale_reports(score))
+    return score
 
 
 def _mean_evidence(scores: Floats, count: Floats) -> Floats:

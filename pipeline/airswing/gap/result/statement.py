@@ -400,5 +400,6 @@ SETTLED = {
     "turn": "a recording of the raw heading through turns and for minutes after them",
     "last_turn": "the raw heading on one course, turned into from either side",
     "flight_time": "the unit's raw sensors through an hour of level flight on one course",
+    "flight": "the headings before and after each flight, at the gate",
     "bank": "a recording of the raw heading through steady turns in both directions",
 }
