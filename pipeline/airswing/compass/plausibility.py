@@ -260,7 +260,7 @@ def _of_fleet(group: Sequence[tuple[str, Finding]], aircraft: Sequence[str]) -> 
 def _samples(block: xr.Dataset, members: list[int]) -> Iterable[tuple[str, Sample]]:
     columns: dict[str, NDArray[Any]] = {}
     for name in _NEEDED:
-        variable = block.get(name, block["flight"] * np.nan)
+        variable = block[name] if name in block else block["flight"] * np.nan
         if "reference" in variable.dims:
             variable = variable.isel(reference=members).astype(np.float64).mean("reference")
         values = variable.to_numpy()

@@ -80,8 +80,7 @@ def cluster_sums(values: Floats, group: Ints, cluster: Ints, groups: int) -> Flo
     Values, groups and clusters (flights) are (report,); a cluster may take part in several groups.
     Sums of parts of an archive add up where no cluster is in two parts.
     """
-    _, number = np.unique(cluster, return_inverse=True)
-    keys, pair = np.unique(number * groups + group, return_inverse=True)
+    keys, pair = np.unique(np.int64(groups) * cluster + group, return_inverse=True)
     total = np.bincount(pair, weights=values, minlength=keys.size)
     count = np.bincount(pair, minlength=keys.size).astype(np.float64)
     owner = keys % groups

@@ -167,13 +167,15 @@ def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.D
         return headings
     places = headings[["time", "latitude", "longitude", "pressure"]]
     hours = {"_hour_before": -1.0, "_hour_after": 1.0} | ({"": 0.0} if offset else {})
+    shifts = [np.timedelta64(round(3600 * (hour - offset)), "s") for hour in hours.values()]
+    # together, so that a model file is read once
+    shifted = xr.concat([places.assign(time=places["time"] + shift) for shift in shifts], "report")
+    winds = collocate(shifted, models, max_time_gap=config.collocation.max_time_gap).compute()
     near = {}
-    for when, hour in hours.items():
-        shift = np.timedelta64(round(3600 * (hour - offset)), "s")
-        shifted, gap = places.assign(time=places["time"] + shift), config.collocation.max_time_gap
-        winds = collocate(shifted, models, max_time_gap=gap).compute()
-        for name in ("reference_eastward_wind", "reference_northward_wind"):
-            near[name + when] = winds[name].reindex(reference=headings["reference"])
+    for name in ("reference_eastward_wind", "reference_northward_wind"):
+        wind = winds[name].reindex(reference=headings["reference"])
+        parts = np.split(wind.to_numpy(), len(shifts), axis=-1)
+        near |= {name + when: (wind.dims, part) for when, part in zip(hours, parts, strict=True)}
     return headings.assign(near)
 
 

@@ -119,7 +119,8 @@ def make_corrected(
     with job.progress.stage("correct"):
         for path in months:
             with open_product(path) as month:
-                corrected = correct(month, fitted, reference=job.reference, method=method)
+                # in memory, because writing reads times and places twice
+                corrected = correct(month, fitted, reference=job.reference, method=method).load()
                 name, sources = f"{CORRECTED}/{path.name}", (month, fitted)
                 job.write(corrected, name, title=title, sources=sources)
     return open_product(job.output / CORRECTED)
