@@ -14,6 +14,7 @@ import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -171,7 +172,7 @@ def with_near_winds(job: Job, headings: xr.Dataset, offset: float = 0.0) -> xr.D
     # together, so that a model file is read once
     shifted = xr.concat([places.assign(time=places["time"] + shift) for shift in shifts], "report")
     winds = collocate(shifted, models, max_time_gap=config.collocation.max_time_gap).compute()
-    near = {}
+    near: dict[str, Any] = {}
     for name in ("reference_eastward_wind", "reference_northward_wind"):
         wind = winds[name].reindex(reference=headings["reference"])
         parts = np.split(wind.to_numpy(), len(shifts), axis=-1)

@@ -45,7 +45,7 @@ from airswing.config import Fit
 from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.physics.compass_deviation import COEFFICIENTS, deviation_basis
-from airswing.products.ragged import row_bounds
+from airswing.products.ragged import BLOCK_REPORTS, row_bounds
 from airswing.vocabulary import describe
 
 _PER_REPORT = (
@@ -55,7 +55,6 @@ _PER_REPORT = (
 _PER_REFERENCE = ("heading_error", "airspeed_error", "heading_error_standard_error")
 FITTED_FROM = (*_PER_REPORT, *_PER_REFERENCE, "row_size", "horizontal_field")
 """Variables a fit reads; the last one is optional."""
-BATCH_REPORTS = 500_000  # most reports of a batch of aircraft, unless a single aircraft has more
 
 
 def fit_deviation(
@@ -149,7 +148,7 @@ def sum_aircraft(
             output_dtypes=[object],
             dask_gufunc_kwargs={"output_sizes": {"reference": len(groups)}, "allow_rechunk": True},
         )
-        for batch in aircraft_batches(read, BATCH_REPORTS)
+        for batch in aircraft_batches(read, BLOCK_REPORTS)
     ]
     sums: xr.DataArray = xr.concat(batches, dim="aircraft")
     return sums.assign_coords(
