@@ -417,6 +417,24 @@ def test_changes_have_their_own_dates():
         assert any(changed == tail and abs(on - day) <= 1 for changed, on in changes)
 
 
+def test_a_change_that_is_reversed_is_one_effect_of_a_period():
+    effects = (
+        effect("compass_step", [1, 4], 5, offset_deg=2.0),
+        effect("compass_step", [1, 4], 13, offset_deg=-2.0),
+    )
+    frame = archive(*effects, days=18)
+    report = diagnose(frame, catalogue=SMALL, dictionary=False).report
+    (entry,) = report.effects
+    assert (entry.name, entry.tails) == ("compass_step", [frame.tails[1], frame.tails[4]])
+    assert entry.parameters["offset_deg"] == pytest.approx(2.0, abs=0.1)
+    first, last = (np.datetime64(day) for day in entry.period)
+    assert [first, last] == [START.astype("M8[D]") + day for day in (5, 12)]
+    true = disagreement(frame, archive(days=18))
+    assert entry.closure.reduction == pytest.approx(true, rel=0.1)
+    # the simulation takes the period
+    assert all(active.period[1] is not None for active in active_effects(report))
+
+
 def test_exchanged_identifiers_are_detected_and_corrected():
     effects = (
         effect("hard_iron", [0], amplitude_deg=4.0, phase_deg=0.0),

@@ -17,7 +17,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats
 from airswing.gap.design import day_field_columns, exogenous, heading_doubt
 from airswing.gap.effects.base import Effect
-from airswing.gap.model.candidates import PARTS, Candidates
+from airswing.gap.model.candidates import PARTS, Candidates, Group
 from airswing.gap.model.evidence import Exchange, exchange_evidence
 from airswing.gap.model.refit import Refit, of_reports, refit, without_errors
 from airswing.gap.model.selection import search
@@ -208,16 +208,18 @@ def _linearised(fitted: Fitted, effects: Mapping[str, Effect], tables: bool, see
         indicated=fitted.context.magnetic_heading,
     )
     candidates = again.model.sums.candidates
-    for term in terms:
-        if term.group.refined:
-            table = fitted.model.sums.candidates.table_of(term.group)
-            candidates.add_table(table, term.group.prior, refined=True)
-    again.model.sums.extend()
     groups = {(g.name, g.form, g.dated): g for g in candidates.groups}
+    # refined tables of one variable differ in their knots, not in their names
+    refined: dict[int, Group | None] = {}
+    for old in {id(term.group): term.group for term in terms if term.group.refined}.values():
+        table = fitted.model.sums.candidates.table_of(old)
+        refined[id(old)] = candidates.add_table(table, old.prior, refined=True)
+    again.model.sums.extend()
     start: list[Term] = []
     again.errors = np.zeros_like(errors)
     for k, term in enumerate(terms):
-        group = groups.get((term.group.name, term.group.form, term.group.dated))
+        found = groups.get((term.group.name, term.group.form, term.group.dated))
+        group = refined[id(term.group)] if term.group.refined else found
         if group is None:
             continue
         start.append(replace(term, group=group))

@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from itertools import pairwise
 
 import numpy as np
+from scipy.stats import multivariate_normal as normal
 
 from airswing.gap.archive.reported_variables import CATEGORIES, KINDS, UNITS
 from airswing.gap.arrays import Floats
@@ -55,6 +56,7 @@ class Claim:
     score: float
     gate: float
     weight: float = 1.0  # posterior probability among the candidates of the contest
+    ends: tuple[int, ...] = ()  # terms of a later date that end it
 
 
 def claims_of(terms: Sequence[Term]) -> list[Claim]:
@@ -76,7 +78,50 @@ def claims_of(terms: Sequence[Term]) -> list[Claim]:
         )
         for members in merged.values()
     ]
-    return sorted(out, key=lambda claim: (not claim.named, -claim.score))
+    return sorted(out, key=_rank)
+
+
+def _rank(claim: Claim) -> tuple[bool, float]:
+    return not claim.named, -claim.score
+
+
+def with_ends(fitted: Fitted, claims: Sequence[Claim]) -> list[Claim]:
+    """Join changes with later ones that reverse them, as effects that last for a period."""
+    terms = fitted.model.terms
+    rest = sorted(claims, key=lambda claim: max(terms[claim.terms[0]].start.values(), default=0))
+    out = []
+    while rest:
+        claim = rest.pop(0)
+        ends = next((later for later in rest if _reverses(fitted, claim, later)), None)
+        if ends is not None:
+            rest.remove(ends)
+            claim = replace(claim, ends=ends.terms)
+        out.append(claim)
+    return sorted(out, key=_rank)
+
+
+def _reverses(fitted: Fitted, claim: Claim, later: Claim) -> bool:
+    """Whether a change by the opposite of an earlier one is likelier than by any other.
+
+    The ratio is that of the posterior density of their sum at zero to the prior density (Dickey
+    1971, Ann. Math. Stat. 42, 204-223).
+    """
+    first, second = (fitted.model.terms[c.terms[0]] for c in (claim, later))
+    same = (first.group.name, first.group.form) == (second.group.name, second.group.form)
+    tails, change, _ = coefficients(fitted, claim)
+    if not (same and first.start and second.start and tails == coefficients(fitted, later)[0]):
+        return False
+    both = replace(claim, terms=claim.terms + later.terms)
+    _, total, covariance = coefficients(fitted, both)
+    root = second.group.transform
+    shape = np.eye(root.shape[1]) if second.shape is None else second.shape
+    prior = second.scale**2 * root @ np.linalg.inv(shape) @ root.T
+    odds = [
+        normal.logpdf(-x, cov=error, allow_singular=True)
+        - normal.logpdf(y, cov=prior, allow_singular=True)
+        for x, y, error in zip(total, change, covariance, strict=True)
+    ]
+    return float(sum(odds[:1] if second.scope == "f" else odds)) > 0.0
 
 
 def probability(gate: float) -> float:
@@ -176,7 +221,7 @@ def effect_entry(
             break
     names = [frame.tails[a] for a in tails]
     per_tail = {
-        frame.tails[a]: TailEntry(p, e, _period(fitted, first, a))
+        frame.tails[a]: TailEntry(p, e, _period(fitted, claim, a))
         for a, (p, e) in zip(tails, stated, strict=False)
     }
     rivals = _rivals(terms, fitted.model.kappa)
@@ -187,7 +232,7 @@ def effect_entry(
         tails=names,
         parameters=summary([p for p, _ in stated]),
         standard_errors={n: float(np.median([e[n] for _, e in stated])) for n in stated[0][1]},
-        period=_period(fitted, first),
+        period=_period(fitted, claim),
         scope="reference" if effect.scope == "reference" else "fleet" if fleet else "aircraft",
         evidence_nats=round(claim.score, 2),
         cluster_factor=round(float(fitted.model.kappa), 2),
@@ -231,12 +276,15 @@ def _start(fitted: Fitted, term: Term, aircraft: int | None = None) -> float | N
     return float(sums.days[first]) * DAY + sums.ends
 
 
-def _period(fitted: Fitted, term: Term, aircraft: int | None = None) -> list[str | None] | None:
-    start = _start(fitted, term, aircraft)
-    if start is None:
+def _period(fitted: Fitted, claim: Claim, aircraft: int | None = None) -> list[str | None] | None:
+    ends = [_start(fitted, fitted.model.terms[k], aircraft) for k in (claim.terms[0], *claim.ends)]
+    if ends[0] is None:
         return None
-    # the day that holds most of it
-    return [datetime.fromtimestamp(start + DAY / 2, UTC).strftime("%Y-%m-%d"), None]
+    # of the days after the start, and before the end, that which holds most of it
+    first = ends[0] + DAY / 2
+    days = [first, *(end - DAY / 2 for end in ends[1:2] if end is not None)]
+    stated = [datetime.fromtimestamp(day, UTC).strftime("%Y-%m-%d") for day in days]
+    return [stated[0], stated[1] if len(stated) > 1 else None]
 
 
 def summary(values: Sequence[Stated]) -> Stated:
@@ -266,8 +314,8 @@ def place_entry(fitted: Fitted, claim: Claim, step: ClosesEntry) -> PlaceEntry:
     frame = fitted.frame
     fleet = any(term.scope == "f" for term in terms) or len(tails) == len(frame.tails)
     curve = table_curve(fitted, fitted.model.sums.candidates.table_of(group), tails, values)
-    period = _period(fitted, terms[0])
-    begins = f"from {period[0]} on" if period else None
+    period = _period(fitted, claim)
+    begins = f"from {period[0]} {f'to {period[1]}' if period[1] else 'on'}" if period else None
     words = [words for words in (shape_in_words(curve), begins) if words]
     nearest, share = _nearest(terms)
     size = np.concatenate([_sizes(fitted, k) for k in claim.terms])

@@ -124,7 +124,7 @@ def _unknown_curve_figure(place: PlaceEntry) -> Figure:
         html.zero_line(axes, across=True)
         axes.margins(x=max(0.05, 0.5 - 0.1 * value.size))
         axes.tick_params(axis="x", labelrotation=45 if len(names) > 8 else 0, labelsize=8.5)
-        axes.set_ylabel(label)
+        axes.set_ylabel(f"root mean square ({unit})" if unit == "kt" else label)
     return figure.say(f"Fit of the unexplained error (n = {plural(int(value.size), 'value')}).")
 
 
