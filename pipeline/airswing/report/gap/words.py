@@ -207,6 +207,8 @@ def headline(gap: GapReport) -> str:
     share = number(closure.fraction_of_excess)
     of = f"{100 * share:.0f} % of the gap" if share < 0.95 else "the gap"
     levels = levels_text(closure.before, closure.after)
+    if closure.after >= closure.before:
+        verb, of = f"do{'es' if ending else ''} not reduce", "the gap"
     return f"{capital(joined(claims))} {verb} {of}: {levels}."
 
 
