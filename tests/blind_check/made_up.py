@@ -19,13 +19,15 @@ def place(variable="hour", **changes):
 
 def gap(*claims, unknown=(), closure=None):
     """The content of gap.json."""
-    stated = {"before": 7.0, "after": 6.5, "ci": [6.4, 6.6]} if closure is None else closure
+    stated = (
+        {"before": 7.0, "after": 6.5, "reduction_ci": [0.4, 0.6]} if closure is None else closure
+    )
     return {
         "gap": {"mean_vector_disagreement_kt": 7.0, "noise_floor_kt": 6.5, "significance": 0.001},
         "where": [],
         "effects": list(claims),
         "unknown": {"present": bool(unknown), "where": list(unknown)},
-        "closure": {"ci": None, **stated},
+        "closure": stated,
     }
 
 
@@ -36,7 +38,8 @@ def informed(root):
         labels = json.loads((root / "sealed" / "labels.json").read_text())
         label = next(row for row in labels if row["name"] == config.parent.name)
         effects = [claim(**row) for row in label["effects"] if row["name"] not in without]
-        after = label["closure"]["after"]
-        return gap(*effects, closure={**label["closure"], "ci": [after - 0.1, after + 0.1]})
+        closes = label["closure"]["before"] - label["closure"]["after"]
+        interval = [closes - 0.1, closes + 0.1]
+        return gap(*effects, closure={**label["closure"], "reduction_ci": interval})
 
     return diagnosis

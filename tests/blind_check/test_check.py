@@ -19,7 +19,7 @@ from airswing.blind_check.check import run_command
 from airswing.blind_check.score import draws
 from airswing.blind_check.summary import case_table, summary_table
 from airswing.gap.diagnose import diagnose
-from airswing.gap.effects import CATALOGUE, Parameter, register, separated_by, unregister
+from airswing.gap.effects import CATALOGUE, Parameter, separated_by
 from airswing.gap.effects.base import HeadingEffect, ProportionalEffect
 from airswing.gap.simulation.effects_file import read_effects
 from airswing.gap.simulation.forward import remove_effects
@@ -142,7 +142,7 @@ class ColdSoak(ProportionalEffect, HeadingEffect):
 
     name = NAME
     title = "heading error that grows with the cold"
-    draw = Draw(Signed("rate_deg"), ("rate_deg",), compared=("rate_deg",), fault=freeze)
+    draw = Draw(Signed("rate_deg"), ("rate_deg",), fault=freeze)
     distinguished_by: ClassVar[Mapping[str, str]] = {"compass_offset": "flights in warm air"}
     physics = "The sensor's housing turns in its mount as it cools."
     source = "Made for this test."
@@ -156,9 +156,9 @@ class ColdSoak(ProportionalEffect, HeadingEffect):
 
 @pytest.fixture(scope="module")
 def added():
-    register(ColdSoak())
+    CATALOGUE[NAME] = ColdSoak()
     yield CATALOGUE[NAME]
-    unregister(NAME)
+    CATALOGUE.pop(NAME)
     UNIT_FAULTS.pop(NAME, None)
 
 

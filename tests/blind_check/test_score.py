@@ -87,8 +87,8 @@ SCORES = {
     "a failure": (label(), None, {"failure": "exit status 1"}),
     "no claim": (outside(), gap(), {"unknown_first": False}),
     "a variable that implies the true one": (
-        outside(variables=["altitude"]),
-        gap(unknown=[place("pressure")]),
+        outside(variables=["heading"]),
+        gap(unknown=[place("magnetic_heading")]),
         {"variable_first": True},
     ),
     "another variable": (outside(), gap(unknown=[place("bank")]), {"variable_first": False}),
@@ -122,9 +122,9 @@ SCORES = {
         gap(OUTLIERS, claim(), closure={"before": 7.0, "after": 6.0, "reduction_ci": [0.8, 1.2]}),
         {"closure_error": ZERO, "closure_interval": NEAR([0.3, 0.7]), "closure_covered": True},
     ),
-    "an interval of the remainder becomes one of the reduction": (
+    "an interval without the truth": (
         label(),  # the true reduction is 0.5
-        gap(claim(), closure={"before": 7.0, "after": 6.7, "ci": [6.55, 6.9]}),
+        gap(claim(), closure={"before": 7.0, "after": 6.7, "reduction_ci": [0.1, 0.45]}),
         {"closure_error": NEAR(0.2), "closure_interval": NEAR([0.1, 0.45])}
         | {"closure_covered": False},
     ),

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 from tests.gap.frames import headings_dataset
 from tests.gap.toy import START, effect, make_frame
 
@@ -139,7 +140,7 @@ def test_a_refined_table_leaves_its_place_to_the_names_of_the_quickstart(quickst
 def test_products_are_complete_and_serialise(iron):
     frame, diagnosis = iron
     content = json_types(diagnosis.report.content())
-    read = GapReport.of(json.loads(json.dumps(content, allow_nan=False)))
+    read = TypeAdapter(GapReport).validate_python(json.loads(json.dumps(content, allow_nan=False)))
     assert json_types(read.content()) == content
     assert [w.label for w in diagnosis.report.waterfall][-1] == "noise floor"
     heading = diagnosis.dataset["heading_map"]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import xarray as xr
+from pydantic import TypeAdapter
 
 from airswing.gap.result.schema import GapReport
 
@@ -109,7 +110,7 @@ def content(*effects, **changes):
             **{f"level_{name}": () for name in ("hPa", "factor")},
         },
     }
-    return GapReport.of(sections | changes)
+    return TypeAdapter(GapReport).validate_python(sections | changes)
 
 
 def maps():

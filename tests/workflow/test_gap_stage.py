@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from pydantic import TypeAdapter
 from tests.command import airswing
 from tests.conftest import EFFECTS
 
@@ -84,7 +85,7 @@ def test_effects_missing_from_simulated_reports_are_named(
     words = ("--output", tmp_path / "out", "--simulated", sent, "--quiet", "--json")
     content = json.loads(airswing("gap", archive, *words).stdout)
     assert content == json.loads((tmp_path / "out" / "gap.json").read_text())
-    report = GapReport.of(content)
+    report = TypeAdapter(GapReport).validate_python(content)
     assert [(e.name, e.tails) for e in report.effects] == [("hard_iron", ["N401"])]
     assert report.simulation.matched == report.simulation.of
     assert "reports matched)" in verdict(report)

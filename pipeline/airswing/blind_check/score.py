@@ -24,22 +24,8 @@ from airswing.units import DAY
 Entry = Mapping[str, Any]
 Score = dict[str, Any]
 
-#: Names under which a report holds one and the same variable.
-SYNONYMS: tuple[frozenset[str], ...] = (
-    frozenset({"magnetic_heading", "heading", "true_heading", "indicated_heading"}),
-    frozenset({"track", "ground_track"}),
-    frozenset({"wind_direction", "reported_wind_direction"}),
-    frozenset({"wind_speed", "reported_wind_speed"}),
-    frozenset({"hour", "hour_of_day"}),
-    frozenset({"date", "time", "day"}),
-    frozenset({"altitude", "pressure", "level", "pressure_altitude"}),
-    frozenset({"airspeed", "true_airspeed", "indicated_airspeed"}),
-    frozenset({"temperature", "air_temperature"}),
-    frozenset({"phase", "flight_phase"}),
-    frozenset({"bank", "roll", "turn"}),
-    frozenset({"drift", "drift_angle"}),
-    frozenset({"acceleration", "longitudinal_acceleration"}),
-)
+#: Variables of a diagnosis and of the generator (`outside_effects.VARIABLES`) that are one.
+SYNONYMS = ({"magnetic_heading", "heading"}, {"date", "time"}, {"bank", "turn"})
 
 
 def draws() -> dict[str, Draw]:
@@ -101,7 +87,6 @@ def _claims(
         out += [
             ("unknown", float(place["probability"]), label["kind"] == "outside")
             for place in unknown
-            if place.get("probability") is not None
         ]
     return out
 
@@ -120,8 +105,8 @@ def _score_names(label: Label, claims: Sequence[Entry]) -> Score:
             common = len(stated & set(true_tails))
             precision.append(common / len(stated) if stated else 0.0)
             recall.append(common / len(true_tails))
-        errors += parameter_errors(draw.compared, effects[0], named)
-        deviations += standardised_errors(draw.compared, effects[0], named)
+        errors += parameter_errors(draw.judged, effects[0], named)
+        deviations += standardised_errors(draw.judged, effects[0], named)
         if effects[0]["period"]:
             dates.append(date_error(effects[0]["period"], [claim["period"] for claim in named]))
     valid = [value for value in dates if value is not None]
@@ -249,14 +234,11 @@ def _score_closure(label: Label, gap: Entry, background: set[str]) -> Score:
     true = label["closure"]["before"] - label["closure"]["after"]
     subtracted = sum(_reduction(claim) for claim in gap["effects"] if claim["name"] in background)
     stated = closure["before"] - closure["after"] - subtracted
-    interval = closure.get("reduction_ci")
-    if interval is None and closure["ci"] is not None:
-        interval = [closure["before"] - end for end in reversed(closure["ci"])]
-    ends = None if interval is None else [end - subtracted for end in interval]
+    ends = [end - subtracted for end in closure["reduction_ci"]]
     return {
         "closure_true": true,
         "closure_stated": stated,
         "closure_error": abs(stated - true),
         "closure_interval": ends,
-        "closure_covered": None if ends is None else bool(ends[0] <= true <= ends[1]),
+        "closure_covered": bool(ends[0] <= true <= ends[1]),
     }

@@ -256,7 +256,7 @@ def _draw_closure(axes: Axes, scores: Sequence[Score]) -> None:
         (("outside", "removed"), "unknown"),
         (("null",), "null"),
     ):
-        used = [s for s in scores if s["kind"] in kinds and s["closure_interval"] is not None]
+        used = [s for s in scores if s["kind"] in kinds]
         if used:
             stated = np.array(_values(used, "closure_stated"))
             ends = np.array([score["closure_interval"] for score in used]).T

@@ -61,17 +61,6 @@ class Diagnosis:
     dataset: xr.Dataset
     adjustment: Adjustment
 
-    def __repr__(self) -> str:
-        closure = self.report.closure
-        lines = [f"Diagnosis: {closure.before:.2f} kt before, {closure.after:.2f} kt after"]
-        for effect in self.report.effects:
-            more = " ..." if len(effect.tails) > 4 else ""
-            whom = ", ".join(effect.tails[:4]) + more if effect.tails else "the fleet"
-            lines.append(f"  {effect.name} ({whom}), probability {effect.probability:.2f}")
-        places = self.report.unknown.where
-        lines += [f"  unknown, by {' x '.join(place.variables)}" for place in places]
-        return "\n".join(lines)
-
 
 def usable_effects(
     frame: Frame, catalogue: Mapping[str, Effect]

@@ -127,10 +127,9 @@ def build_reference(
     name: str,
     levels: Array,
     hours: Array,
-    change: ReferenceChange | None = None,
+    change: ReferenceChange,
 ) -> GriddedReference:
     """Stored fields of a model at ``levels`` (hPa) and valid times."""
-    change = change or ReferenceChange()
     lat, lon = grid.coordinates
     places = *plane(lat, lon), np.log(levels / 1000.0), hours + change.offset_hours
     wind = model_wind(world, name, *places, world.large_scale_on_grid(*places))

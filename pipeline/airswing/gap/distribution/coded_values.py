@@ -69,8 +69,7 @@ def wind_coding(frame: Frame) -> EffectEntry | None:
     """Find aircraft whose winds come in steps coarser than a degree or a knot."""
     speed = np.hypot(frame.u_rep, frame.v_rep) / KNOT
     direction = direction_in_degrees(frame.u_rep, frame.v_rep)
-    per_tail: dict[str, Stated] = {}
-    evidence: list[float] = []
+    found: dict[str, tuple[Stated, float]] = {}
     start: list[float] = []
     for tail, index in _by_aircraft(frame, speed > 3.0):
         # a coding in steps spreads over all values; a floor or a hole sends one or two speeds too
@@ -81,19 +80,17 @@ def wind_coding(frame: Frame) -> EffectEntry | None:
         turn, turn_share = coarsest(direction[turned], steps, base=1.0)
         if step <= 1.0 and turn <= 1.0:
             continue
-        per_tail[tail] = {"step": step, "direction_step_deg": turn}
         value, width = (direction[index], turn) if turn > 1 else (speed[index], step)
-        evidence.append(against_chance(value.size, *_on_lattice(value, width, base=1.0)))
+        evidence = against_chance(value.size, *_on_lattice(value, width, base=1.0))
+        found[tail] = {"step": step, "direction_step_deg": turn}, evidence
         # nearly all on the lattice: coded so from the first report on, else it began later
         if min(share, turn_share) < 0.9:
             start.append(_change_time(value, width, frame.time[index]))
-    if not per_tail:
-        return None
     period = None
-    if len(start) == len(per_tail):
+    if start and len(start) == len(found):
         begin = datetime.fromtimestamp(float(np.median(start)), UTC)
         period = [begin.strftime("%Y-%m-%d"), None]
-    return effect_of("wind_coding", per_tail, evidence, period)
+    return effect_of("wind_coding", found, period)
 
 
 def _infrequent(values: Floats, frequent: int) -> Booleans:
@@ -106,43 +103,34 @@ def _infrequent(values: Floats, frequent: int) -> Booleans:
 
 def position_coding(frame: Frame) -> EffectEntry | None:
     """Find aircraft whose positions come in steps coarser than the fleet's."""
-    per_tail: dict[str, Stated] = {}
-    evidence: dict[str, float] = {}
-    steps = []
+    found: dict[str, tuple[Stated, float]] = {}
+    steps: dict[str, float] = {}
     for tail, index in _by_aircraft(frame):
-        coarse = [
+        steps[tail] = step = min(
             coarsest(60.0 * values[index], (0.5, 0.6, 1.0, 2.0, 3.0, 5.0, 6.0, 10.0), base=0.1)[0]
             for values in (frame.latitude, frame.longitude)
-        ]
-        steps.append(min(coarse))
-        # tenths of an arc minute are how positions come
-        if min(coarse) > 0.1:
-            per_tail[tail] = {"step": min(coarse)}
-            on, chance = _on_lattice(60.0 * frame.latitude[index], min(coarse), base=0.1)
-            evidence[tail] = against_chance(index.size, on, chance)
-    common = float(np.median(steps)) if steps else 0.1
-    if common < 1.0:
-        # a step of the whole fleet is its format and no effect
-        per_tail = {t: v for t, v in per_tail.items() if number(v["step"]) > 1.2 * common}
-    gains = [evidence[tail] for tail in per_tail]
-    return effect_of("position_coding", per_tail, gains) if per_tail else None
+        )
+        on_lattice = _on_lattice(60.0 * frame.latitude[index], step, base=0.1)
+        found[tail] = {"step": step}, against_chance(index.size, *on_lattice)
+    # tenths of an arc minute are how positions come; a step of the whole fleet is its format
+    common = float(np.median(list(steps.values()))) if steps else 0.1
+    least = 1.2 * common if common < 1.0 else 0.1
+    return effect_of("position_coding", {t: found[t] for t in steps if steps[t] > least})
 
 
 def heading_coding(frame: Frame) -> EffectEntry | None:
     """Find aircraft whose headings come in coarse steps."""
-    per_tail: dict[str, Stated] = {}
-    evidence = []
+    found: dict[str, tuple[Stated, float]] = {}
     for tail, lattice in zip(frame.tails, heading_lattices(frame), strict=True):
         if lattice is not None:
-            per_tail[tail] = {"step_deg": lattice.step, "true_north": lattice.true_north or None}
-            evidence.append(lattice.evidence)
-    return effect_of("heading_coding", per_tail, evidence) if per_tail else None
+            steps: Stated = {"step_deg": lattice.step, "true_north": lattice.true_north or None}
+            found[tail] = steps, lattice.evidence
+    return effect_of("heading_coding", found)
 
 
 def whole_minutes(frame: Frame) -> EffectEntry | None:
     """Find aircraft whose times are cut to the minute while others' are not."""
-    cut: dict[str, Stated] = {}
-    evidence = []
+    cut: dict[str, tuple[Stated, float]] = {}
     aircraft = _by_aircraft(frame)
     for tail, index in aircraft:
         seconds = np.mod(frame.time[index], 60.0)
@@ -150,11 +138,9 @@ def whole_minutes(frame: Frame) -> EffectEntry | None:
         share = float((np.minimum(seconds, 60 - seconds) < 0.5).mean())
         # nearly all: a time that is whole by chance is one in sixty
         if share > 0.95:
-            cut[tail] = {"offset_s": -30.0}  # seconds cut off are thirty in the mean
-            evidence.append(against_chance(seconds.size, share, 1 / 60))
-    if not cut or len(cut) == len(aircraft):
-        return None
-    return effect_of("time_lag", cut, evidence)
+            # seconds cut off are thirty in the mean
+            cut[tail] = {"offset_s": -30.0}, against_chance(seconds.size, share, 1 / 60)
+    return effect_of("time_lag", cut) if len(cut) < len(aircraft) else None
 
 
 def _change_time(values: Floats, step: float, time: Floats) -> float:

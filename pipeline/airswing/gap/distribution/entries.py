@@ -10,11 +10,10 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects.base import Stated
 from airswing.gap.result.schema import ClosesEntry, CurveEntry, EffectEntry, PlaceEntry, TailEntry
-from airswing.gap.result.schema import Parameter as Value
-from airswing.gap.result.statement import probability
+from airswing.gap.result.statement import probability, summary
 from airswing.units import KNOT, NORMAL_95
 
-PerTail = Mapping[str, Stated]  # aircraft -> parameters
+Found = Mapping[str, tuple[Stated, float]]  # aircraft -> parameters, log likelihood ratio
 
 #: Share of the mean square that is always left.
 LEAST_LEFT = 0.05
@@ -42,36 +41,29 @@ def against_chance(count: int, share: float, chance: float) -> float:
 
 def effect_of(
     name: str,
-    per_tail: PerTail,
-    evidence: Sequence[float],
+    found: Found,
     period: list[str | None] | None = None,
     errors: Mapping[str, float] | None = None,
-) -> EffectEntry:
-    """Combine the findings of aircraft, with the median of their parameters.
+) -> EffectEntry | None:
+    """Combine the findings of aircraft, with their usual parameters; None without any.
 
     The evidence is the log likelihood ratio of the clearest aircraft against chance, less the
     logarithm of the number of aircraft and steps that are tried, about a hundred.
     """
-    clearest = float(max(evidence) - np.log(100.0))
-    rows = list(per_tail.values())
+    if not found:
+        return None
+    clearest = max(evidence for _, evidence in found.values()) - float(np.log(100.0))
     return EffectEntry(
         name=name,
         probability=probability(clearest),
-        tails=list(per_tail),
-        parameters={key: _median_or_mode([row[key] for row in rows]) for key in rows[0]},
+        tails=list(found),
+        parameters=summary([parameters for parameters, _ in found.values()]),
         standard_errors=errors or {},
         period=period,
         scope="aircraft",
         evidence_nats=clearest,
-        per_tail={tail: TailEntry(values) for tail, values in per_tail.items()},
+        per_tail={tail: TailEntry(parameters) for tail, (parameters, _) in found.items()},
     )
-
-
-def _median_or_mode(values: list[Value]) -> Value:
-    numbers = [value for value in values if isinstance(value, float)]
-    if len(numbers) == len(values):
-        return float(np.median(numbers))
-    return max(values, key=values.count)
 
 
 def place_of(

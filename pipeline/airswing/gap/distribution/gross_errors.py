@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.reported_variables import KINDS, Variable, cells_of
+from airswing.gap.archive.reported_variables import Variable, cells_of
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.distribution.entries import against_chance, closes, effect_of, place_of
 from airswing.gap.distribution.scatter import NATURAL
@@ -63,13 +63,13 @@ def outliers(frame: Frame, residual: Floats, noise: NoiseFit) -> EffectEntry | N
     difference = hits[affected] / count[affected] - chance[affected] - rate
     spread = max(float(np.mean(difference**2 - counting)), 0.0)
     rates = rate + difference * spread / (spread + counting)
-    per_tail: dict[str, Stated] = {
-        frame.tails[a]: {"fraction": float(max(share, 0.0) / seen), "size_m_s": size}
+    evidence = float(gain[gain > 0].sum())  # of all affected aircraft together
+    found: dict[str, tuple[Stated, float]] = {
+        frame.tails[a]: ({"fraction": float(max(share, 0.0) / seen), "size_m_s": size}, evidence)
         for a, share in zip(affected, rates, strict=True)
     }
     error = float(np.sqrt(np.median(counting))) / seen
-    evidence = [float(gain[gain > 0].sum())]
-    return effect_of("outliers", per_tail, evidence, errors={"fraction": error})
+    return effect_of("outliers", found, errors={"fraction": error})
 
 
 def simulated_rate(frame: Frame, noise: NoiseFit) -> Floats:
@@ -154,7 +154,7 @@ def gross_by_variable(
     found: list[tuple[float, Variable, Floats, Floats]] = []
     for name in sorted(variables.keys() - OF_WIND):
         variable = variables[name]
-        edges = variable.edges(24 if KINDS[variable.name][0] != "category" else 3)
+        edges = variable.edges(24)
         cell = cells_of(variable.values, edges)
         used = affected & (cell >= 0)
         if not used.any():

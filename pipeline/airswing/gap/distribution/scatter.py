@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
-from airswing.gap.archive.reported_variables import KINDS, Variable, cells_of
+from airswing.gap.archive.reported_variables import Variable, cells_of
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.design import heading_doubt
 from airswing.gap.distribution.entries import place_of, reduction_of_scatter
@@ -194,7 +194,7 @@ def _by_variable(
 ) -> PlaceEntry | None:
     """Excess over the quietest third of the cells, in m/s."""
     y = excess.logs
-    edges = variable.edges(24 if KINDS[variable.name][0] != "category" else 3)
+    edges = variable.edges(24)
     selected = np.isin(frame.aircraft, candidate.tails) & np.isfinite(y)
     cell = cells_of(variable.values, edges)
     selected &= cell >= 0
@@ -224,7 +224,10 @@ def _by_variable(
     if not sizes.any():
         return None
     curve = curve_over([variable.name], [edges.tolist()], values, "m/s")
-    return _place(frame, residual, gross, variable.name, candidate.tails, evidence, sizes, curve)
+    typical = float(np.median(values[values > 0]))
+    closure = reduction_of_scatter(residual, sizes, gross)
+    found = candidate.tails, frame.tails, evidence, typical, curve, closure
+    return place_of("scatter", variable.name, *found)
 
 
 def _by_aircraft(
@@ -250,20 +253,6 @@ def _by_aircraft(
         size[a] = _excess_size(log_ratio, excess.variance[valid & (frame.aircraft == a)], gain)
     best = float(evidence[high].max())
     curve = CurveEntry([frame.tails[a] for a in tails], size[list(tails)].tolist())
-    return _place(frame, residual, gross, "scatter", tails, best, size[frame.aircraft], curve)
-
-
-def _place(
-    frame: Frame,
-    residual: Floats,
-    gross: Booleans,
-    variable: str,
-    tails: tuple[int, ...],
-    evidence: float,
-    sizes: Floats,
-    curve: CurveEntry,
-) -> PlaceEntry:
-    """Entry of an excess of each report (n,), m/s, with its closure."""
-    size = float(np.median([value for value in curve.m_s if value > 0]))
-    closure = reduction_of_scatter(residual, sizes, gross)
-    return place_of("scatter", variable, tails, frame.tails, evidence, size, curve, closure)
+    closure = reduction_of_scatter(residual, size[frame.aircraft], gross)
+    typical = float(np.median(size[size > 0]))
+    return place_of("scatter", "scatter", tails, frame.tails, best, typical, curve, closure)

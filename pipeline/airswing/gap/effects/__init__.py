@@ -1,17 +1,9 @@
-"""Catalogue of effects: the ``EFFECT`` of every module of this folder, and those of `register`."""
+"""Catalogue of effects: the ``EFFECT`` of every module of this folder."""
 
 import importlib
 import pkgutil
 
-from airswing.gap.effects.base import (
-    CATALOGUE,
-    ActiveEffect,
-    Effect,
-    Parameter,
-    State,
-    register,
-    unregister,
-)
+from airswing.gap.effects.base import CATALOGUE, ActiveEffect, Effect, Parameter, State
 from airswing.gap.effects.empirical import EMPIRICAL
 
 __all__ = [
@@ -22,15 +14,13 @@ __all__ = [
     "Parameter",
     "State",
     "effect_named",
-    "register",
     "separated_by",
-    "unregister",
 ]
 
 for _name in sorted(module.name for module in pkgutil.iter_modules(__path__)):
     _effect = getattr(importlib.import_module(f"{__name__}.{_name}"), "EFFECT", None)
     if isinstance(_effect, Effect):
-        register(_effect)
+        CATALOGUE[_effect.name] = _effect
 
 
 def effect_named(name: str) -> Effect | None:

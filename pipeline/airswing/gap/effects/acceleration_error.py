@@ -44,11 +44,7 @@ class AccelerationError(HeadingEffect):
     name = "acceleration_error"
     title = "heading error from acceleration in climb and descent"
     draw = Draw(
-        Signed("amplitude_deg", 20.0),
-        ("amplitude_deg",),
-        form=_by_phase,
-        acts=_out_of_cruise,
-        compared=("amplitude_deg",),
+        Signed("amplitude_deg", 20.0), ("amplitude_deg",), form=_by_phase, acts=_out_of_cruise
     )
     physics = (
         "The flux valve hangs as a pendulum. Under longitudinal acceleration it tilts and takes "

@@ -6,11 +6,11 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats
-from airswing.gap.effects.base import Parameter, ProportionalEffect, WindEffect, log_pressure_lapse
+from airswing.gap.effects.base import Parameter, WindEffect, log_pressure_lapse
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
-class AltitudeOffset(ProportionalEffect, WindEffect):
+class AltitudeOffset(WindEffect):
     """Reported pressure altitude too high by an offset, to first order in it.
 
     The aircraft flew lower than reported, at a higher pressure: ``W = W_ref + offset k dW/dlnp``
@@ -19,7 +19,7 @@ class AltitudeOffset(ProportionalEffect, WindEffect):
 
     name = "altitude_offset"
     title = "reported altitude off"
-    draw = Draw(Signed("offset_ft", 300.0), ("offset_ft",), compared=("offset_ft",))
+    draw = Draw(Signed("offset_ft", 300.0), ("offset_ft",))
     physics = (
         "A static-port error, or an altimeter setting left on the ground's pressure, gives the "
         "report a wrong level: it differs from the model by the wind shear times the height."

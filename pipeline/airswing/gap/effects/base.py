@@ -179,10 +179,6 @@ class Effect(ABC):
         Parameters and standard errors (delta method) are in the catalogue's units.
         """
 
-    @abstractmethod
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        """Convert parameters to coefficients, (k,): the inverse of `to_parameters`."""
-
     def testable(self, frame: Frame) -> str | None:
         """Return the reason why the effect cannot be tested on these reports, or None."""
         reasons = (missing_context(frame, name) for name in self.needs)
@@ -219,6 +215,7 @@ class ProportionalEffect(Effect):
         )
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
+        """Convert parameters to coefficients, (k,): the inverse of `to_parameters`."""
         full = self.complete(values)
         return np.array([number(full[p.name]) * p.si for p in self.parameters])
 
@@ -236,11 +233,8 @@ class MomentEffect(Effect):
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         return {}, {}
 
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        return np.zeros(0)
 
-
-class WindEffect(Effect):
+class WindEffect(ProportionalEffect):
     """Difference of the wind met from the reference: columns, exact to the order of the context."""
 
     stage: ClassVar[Stage] = "atmosphere"
@@ -256,7 +250,7 @@ class WindEffect(Effect):
         )
 
 
-class AirspeedEffect(ProportionalEffect):
+class AirspeedEffect(Effect):
     """Error of the indicated airspeed; columns are ``-h(psi)`` times a factor."""
 
     needs: ClassVar[tuple[str, ...]] = ("heading",)
@@ -279,6 +273,10 @@ class HeadingEffect(Effect):
     @abstractmethod
     def basis(self, frame: Frame) -> Floats:
         """Heading error per unit of each coefficient, (k, n) rad."""
+
+    @abstractmethod
+    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
+        """Convert parameters to coefficients, (k,): the inverse of `to_parameters`."""
 
     def error(self, frame: Frame, values: Parameters) -> Floats:
         """Heading error at the indicated magnetic heading, (n,) rad."""
@@ -367,22 +365,17 @@ def standard_error(covariance: Floats, index: int = 0) -> float:
 # ------------------------------------------------------------------------------------ context
 _ABSENT = {
     "icing": "no icing column",
-    "acceleration": "no longitudinal acceleration",
     "dudt": "no tendency of the reference wind",
     "dudlnp": "no vertical derivative of the reference wind",
     "dudx": "no horizontal derivative of the reference wind",
-    "grid_convergence": "no convergence angle of the grid",
 }
 _CONSTANT = {
     "heading": "all reports on one heading",
     "magnetic_heading": "all reports on one heading",
     "icing": "icing protection never changes in these reports",
-    "time": "all reports at one time",
     "dudt": "the reference wind has no tendency (one valid time)",
     "dudlnp": "the reference wind has no vertical derivative (one level)",
     "grid_convergence": "the grid's north is true north everywhere",
-    "bank": "no turns in these reports",
-    "acceleration": "no acceleration in these reports",
 }
 
 
@@ -404,17 +397,4 @@ def missing_context(frame: Frame, name: str, *, may_be_constant: bool = False) -
 
 # ---------------------------------------------------------------------------------- catalogue
 CATALOGUE: dict[str, Effect] = {}
-"""All known effects by name, in alphabetical order of their files, then of registration."""
-
-
-def register(effect: Effect) -> Effect:
-    """Add an effect to the catalogue; ValueError where another effect has the name."""
-    if CATALOGUE.get(effect.name, effect) is not effect:
-        raise ValueError(f"an effect named {effect.name} is already in the catalogue")
-    CATALOGUE[effect.name] = effect
-    return effect
-
-
-def unregister(name: str) -> Effect:
-    """Remove an effect from the catalogue and return it (for leave-one-effect-out checks)."""
-    return CATALOGUE.pop(name)
+"""All known effects by name, in alphabetical order of their files."""

@@ -16,13 +16,7 @@ class CompassDrift(ProportionalEffect, HeadingEffect):
     name = "compass_drift"
     title = "compass deviation that drifts"
     deviates = True
-    draw = Draw(
-        Signed("rate_deg_per_day", 0.05),
-        ("rate_deg_per_day",),
-        dated="late",
-        grows=True,
-        compared=("rate_deg_per_day",),
-    )
+    draw = Draw(Signed("rate_deg_per_day", 0.05), ("rate_deg_per_day",), dated="late", grows=True)
     physics = (
         "Parts magnetise slowly, or the slaving of a gyro drifts out of adjustment: the heading "
         "error changes a little every day."

@@ -16,7 +16,7 @@ class CompassOffset(ProportionalEffect, HeadingEffect):
     name = "compass_offset"
     title = "constant heading error"
     deviates = True
-    draw = Draw(Signed("offset_deg"), ("offset_deg",), on_real_data=True, compared=("offset_deg",))
+    draw = Draw(Signed("offset_deg"), ("offset_deg",), on_real_data=True)
     physics = (
         "The flux valve is not aligned with the aircraft's axis, so every heading is wrong by the "
         "same angle. A constant sideslip of the air over the aircraft looks exactly the same."

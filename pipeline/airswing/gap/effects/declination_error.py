@@ -51,7 +51,7 @@ class DeclinationError(HeadingEffect):
 
     name = "declination_error"
     title = "wrong magnetic variation"
-    draw = Draw(_table, ("mean_deg",), scope="fleet", compared=("mean_deg",))
+    draw = Draw(_table, ("mean_deg",), scope="fleet")
     distinguished_by = {
         "compass_offset": "flights over a larger region, where the declination varies"
     }
@@ -99,12 +99,8 @@ class DeclinationError(HeadingEffect):
         return values, errors | {"factor": standard_error(covariance, 1)}
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
+        # an epoch has an error of its own, which no coefficients give exactly
         full = self.complete(values)
-        if full["epoch_year"] is not None:
-            subset = _subset(frame)
-            patterns = np.nan_to_num(_secular_patterns(subset))
-            years, bend = _coefficients_of_year(subset, patterns, number(full["epoch_year"]))
-            return np.array([years, 0.0, bend])
         if full["factor"] is not None:
             return np.array([0.0, number(full["factor"]) - 1.0, 0.0])
         mean = float(np.mean(np.nan_to_num(self.basis(frame)[0])))
@@ -161,29 +157,21 @@ def _secular_patterns(frame: Frame) -> Floats:
     return np.stack([recent, declination_change(frame, years=40.0) / 40.0 - recent])
 
 
-def _coefficients_of_year(frame: Frame, patterns: Floats, epoch_year: float) -> Floats:
-    change = np.nan_to_num(declination_change(frame, epoch_year=epoch_year))
-    return np.asarray(np.linalg.lstsq(patterns.T, change, rcond=1e-6)[0])
-
-
-def _subset(frame: Frame) -> Frame:
-    # five hundred reports, of which an epoch is found in a second
-    return frame.take(slice(None, None, max(1, frame.size // 500)))
-
-
 def _year_of_coefficients(frame: Frame, coefficients: Floats) -> float:
     """Epoch whose table is nearest to coefficients of the secular patterns.
 
     If the second coefficient is 0, the first one is that of the pattern without curvature.
     """
-    subset = _subset(frame)
+    # five hundred reports, of which an epoch is found in a second
+    subset = frame.take(slice(None, None, max(1, frame.size // 500)))
     used = slice(None, 2 if coefficients[1] else 1)
     patterns = np.nan_to_num(_secular_patterns(subset))[used]
     now = 1970.0 + float(np.mean(frame.time)) / YEAR
     # every 2.5 years from twenty years ahead (by the error of a fit) to sixty years back
     years = np.linspace(now + 20.0, now - 60.0, 33).clip(FIRST, LAST)
-    fitted = [_coefficients_of_year(subset, patterns, float(year)) for year in years]
-    difference = np.stack(fitted) - coefficients[used]
+    changes = [declination_change(subset, epoch_year=float(year)) for year in years]
+    fitted = np.linalg.lstsq(patterns.T, np.nan_to_num(changes).T, rcond=1e-6)[0].T
+    difference = fitted - coefficients[used]
     steps = np.linspace(0.0, 1.0, 41)[:, None, None]  # linear between two years
     between = (1.0 - steps) * difference[:-1] + steps * difference[1:]
     misfit = ((between @ patterns) ** 2).sum(axis=-1)

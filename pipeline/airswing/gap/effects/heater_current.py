@@ -120,10 +120,11 @@ class HeaterCurrent(OffsetAndCycle):
                     found=absent,
                     remedy="Give between_degC, or reports with the flag",
                 )
-            return super().error(frame, values)
-        low, high = _edges(values)
-        coefficients = super().from_parameters({**values, "between_degC": None}, frame)
-        on = _colder(frame, high) - _colder(frame, low)
+            on = np.where(frame.icing == 1, 1.0, 0.0)
+        else:
+            low, high = _edges(values)
+            on = _colder(frame, high) - _colder(frame, low)
+        coefficients = self.from_parameters(values, frame)
         return np.asarray(on * (coefficients @ np.nan_to_num(super().basis(frame))))
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
@@ -137,21 +138,6 @@ class HeaterCurrent(OffsetAndCycle):
             low = float(EDGES[int(used[1]) - 1]) if used.size > 1 else -100.0  # open
             band = [low, float(EDGES[first - 1])]
         return values | {"between_degC": band}, errors
-
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        # for the nearest candidate edges
-        full = self.complete(values)
-        coefficients = super().from_parameters(full, frame)
-        out = np.zeros((1 + len(EDGES), 3))
-        if full["between_degC"] is None:
-            out[0] = coefficients
-            return out.ravel()
-        low, high = _edges(full)
-        warm, cold = (int(np.argmin(np.abs(np.array(EDGES) - edge))) for edge in (high, low))
-        out[1 + warm] += coefficients
-        if low > 2.0 * EDGES[-1]:
-            out[1 + cold] -= coefficients
-        return out.ravel()
 
 
 def _colder(frame: Frame, edge: float) -> Floats:

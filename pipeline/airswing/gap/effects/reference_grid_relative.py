@@ -27,7 +27,7 @@ class ReferenceGridRelative(ProportionalEffect):
 
     name = "reference_grid_relative"
     title = "model winds left along the grid"
-    draw = Draw(Signed("fraction"), ("fraction",), limit=1.0, scope="fleet", compared=("fraction",))
+    draw = Draw(Signed("fraction"), ("fraction",), limit=1.0, scope="fleet")
     physics = (
         "Winds on Lambert and similar grids are stored along the grid's axes. Where their flag is "
         "wrong they are off by the angle between grid north and true north, which grows away from "

@@ -51,14 +51,7 @@ class ReferenceSpeedBias(Effect):
 
     name = "reference_speed_bias"
     title = "model wind too weak or too strong"
-    draw = Draw(
-        _draw_above,
-        ("bias_percent",),
-        scope="fleet",
-        form=_draw_below,
-        acts=_at_levels,
-        compared=("bias_percent",),
-    )
+    draw = Draw(_draw_above, ("bias_percent",), scope="fleet", form=_draw_below, acts=_at_levels)
     physics = (
         "A model with too little or too much momentum shows winds too weak or too strong, often "
         "above a level only (jet too weak for lack of resolution): along the wind, not the heading."
@@ -113,18 +106,6 @@ class ReferenceSpeedBias(Effect):
         values["above_hPa"] = LEVELS[place] if above == 0 else None
         values["below_hPa"] = LEVELS[place] if above == 1 else None
         return values, {"bias_percent": 100.0 * standard_error(covariance, k) / ratio**2}
-
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        # for the nearest candidate level
-        full = self.complete(values)
-        bias = number(full["bias_percent"]) / 100.0
-        k = 0
-        for first, name in ((1, "above_hPa"), (1 + len(LEVELS), "below_hPa")):
-            if full[name] is not None:
-                k = first + int(np.argmin(np.abs(np.log(np.array(LEVELS) / number(full[name])))))
-        out = np.zeros(self.column_scales.size)
-        out[k] = bias / (1.0 + bias)
-        return out
 
 
 EFFECT = ReferenceSpeedBias()

@@ -6,12 +6,12 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats
-from airswing.gap.effects.base import Parameter, ProportionalEffect, WindEffect
+from airswing.gap.effects.base import Parameter, WindEffect
 from airswing.synthetic.sealed.draws import Draw, Signed
 from airswing.units import HOUR
 
 
-class ReferenceTimeOffset(ProportionalEffect, WindEffect):
+class ReferenceTimeOffset(WindEffect):
     """Field with valid time t shows the atmosphere of t + offset.
 
     The wind met at t is the reference at t - offset, from the winds w- and w+ an hour before and
@@ -21,7 +21,7 @@ class ReferenceTimeOffset(ProportionalEffect, WindEffect):
 
     name = "reference_time_offset"
     title = "model fields valid at another time than stamped"
-    draw = Draw(Signed("offset_h"), ("offset_h",), scope="fleet", compared=("offset_h",))
+    draw = Draw(Signed("offset_h"), ("offset_h",), scope="fleet")
     physics = (
         "Fields carry a wrong valid time, or a file is one forecast hour off: the reference runs "
         "ahead of the atmosphere (positive) or behind it."

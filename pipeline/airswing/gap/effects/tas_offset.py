@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from airswing.gap.arrays import Floats
-from airswing.gap.effects.base import AirspeedEffect, Parameter, Parameters, number
+from airswing.gap.effects.base import (
+    AirspeedEffect,
+    Parameter,
+    Parameters,
+    ProportionalEffect,
+    number,
+)
 from airswing.synthetic.sealed.draws import Draw, Signed
 
 
-class TasOffset(AirspeedEffect):
+class TasOffset(ProportionalEffect, AirspeedEffect):
     """Indicated true airspeed is the true one plus a constant."""
 
     name = "tas_offset"
     title = "airspeed wrong by an amount"
-    draw = Draw(Signed("offset_m_s"), ("offset_m_s",), on_real_data=True, compared=("offset_m_s",))
+    draw = Draw(Signed("offset_m_s"), ("offset_m_s",), on_real_data=True)
     distinguished_by = {"tas_scale": "reports over a wider range of airspeeds"}
     physics = (
         "A zero error of the pressure transducers makes the airspeed wrong by an amount rather "

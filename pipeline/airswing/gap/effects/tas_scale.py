@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from airswing.gap.archive.frame import Frame
@@ -24,9 +22,7 @@ class TasScale(AirspeedEffect):
 
     name = "tas_scale"
     title = "airspeed wrong by a factor"
-    draw = Draw(
-        Signed("scale_percent"), ("scale_percent",), on_real_data=True, compared=("scale_percent",)
-    )
+    draw = Draw(Signed("scale_percent"), ("scale_percent",), on_real_data=True)
     physics = (
         "Errors of static port, pitot tube or temperature recovery make the true airspeed wrong "
         "by a factor; the reported wind is wrong along the heading only."
@@ -38,6 +34,7 @@ class TasScale(AirspeedEffect):
         Parameter("scale_percent", "percent", 2.0, "positive: airspeed too high", required=True),
     )
     confused_with = ("tas_offset: where the airspeed varies little",)
+    column_scales = np.array([0.02])
 
     def columns(self, frame: Frame) -> Floats:
         return np.asarray(frame.airspeed[:, None] * super().columns(frame))
@@ -50,10 +47,6 @@ class TasScale(AirspeedEffect):
         ratio = 1.0 - float(coefficients[0])
         error = 100.0 * standard_error(covariance) / ratio**2
         return {"scale_percent": 100.0 * (1.0 / ratio - 1.0)}, {"scale_percent": error}
-
-    def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
-        scale = number(self.complete(values)["scale_percent"]) / 100.0
-        return np.array([scale / (1.0 + scale)])
 
 
 EFFECT = TasScale()

@@ -6,7 +6,7 @@ import numpy as np
 
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Floats
-from airswing.gap.effects.base import Parameter, ProportionalEffect, WindEffect, log_pressure_lapse
+from airswing.gap.effects.base import Parameter, WindEffect, log_pressure_lapse
 from airswing.synthetic.sealed.draws import Draw
 
 
@@ -14,7 +14,7 @@ def _delay(rng: np.random.Generator) -> dict[str, object]:
     return {"offset_s": 60.0}
 
 
-class TimeLag(ProportionalEffect, WindEffect):
+class TimeLag(WindEffect):
     """Reported wind is that met `offset_s` seconds earlier on the path, to first order in it.
 
     ``W = W_ref - offset (dW/dt + V_G . grad W + dW/dlnp dlnp/dt)`` with ``dlnp/dt`` from the rate
@@ -23,7 +23,7 @@ class TimeLag(ProportionalEffect, WindEffect):
 
     name = "time_lag"
     title = "wind older than its position and time"
-    draw = Draw(_delay, ("offset_s",), compared=("offset_s",))
+    draw = Draw(_delay, ("offset_s",))
     distinguished_by = {
         "altitude_offset": "both climbs and descents through the same shear",
         "reference_time_offset": "flights against the motion of the weather",

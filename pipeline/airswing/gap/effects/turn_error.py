@@ -23,12 +23,7 @@ class TurnError(ProportionalEffect, HeadingEffect):
 
     name = "turn_error"
     title = "heading error in turns"
-    draw = Draw(
-        Signed("amplitude_deg", 10.0),
-        ("amplitude_deg",),
-        acts=_turning,
-        compared=("amplitude_deg",),
-    )
+    draw = Draw(Signed("amplitude_deg", 10.0), ("amplitude_deg",), acts=_turning)
     physics = (
         "In a coordinated turn the flux valve banks with the aircraft and takes in a part of the "
         "vertical field: an error as bank times the tangent of the dip times the cosine of the "

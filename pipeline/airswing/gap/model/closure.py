@@ -134,15 +134,14 @@ def _coefficient_doubt(
 
 
 def day_interval(values: Floats, day: Integers, seed: int) -> tuple[float, float]:
-    """Bootstrap 95 % interval over days of a mean over reports, (n,) each.
+    """Bootstrap 95 % interval over days (each with reports) of a mean over reports, (n,) each.
 
     Means of days drawn again scatter by (n - 1) / n of the variance; the difference is added.
     """
     count, total = np.bincount(day), np.bincount(day, values)
-    used = np.flatnonzero(count)
-    picks = np.random.default_rng(seed).integers(0, used.size, (SAMPLES, used.size))
-    means = total[used][picks].sum(axis=1) / count[used][picks].sum(axis=1)
+    picks = np.random.default_rng(seed).integers(0, count.size, (SAMPLES, count.size))
+    means = total[picks].sum(axis=1) / count[picks].sum(axis=1)
     middle = total.sum() / count.sum()
-    inflation = np.sqrt(used.size / max(used.size - 1, 1))
+    inflation = np.sqrt(count.size / max(count.size - 1, 1))
     low, high = np.quantile(middle + inflation * (means - middle), [0.025, 0.975])
     return float(low), float(high)

@@ -15,7 +15,7 @@ import numpy as np
 from airswing.gap.arrays import Floats
 from airswing.gap.effects.empirical import change_of
 from airswing.gap.model.candidates import COMPONENTS, Group, Table
-from airswing.gap.model.evidence import SHARES
+from airswing.gap.model.evidence import share_of_aircraft
 from airswing.gap.model.sums import GATE
 from airswing.gap.model.terms import Model
 from airswing.gap.noise import weighted_scores
@@ -56,20 +56,17 @@ def _ranked(model: Model) -> list[tuple[float, str, str, str]]:
         name: slice(stop - f.shape[1], stop)
         for (name, f), stop in zip(functions.items(), stops, strict=True)
     }
-    gain = _evidence(model, np.concatenate([constant, *functions.values()], axis=1))
+    evidence = _evidence(model, np.concatenate([constant, *functions.values()], axis=1))
     # the variable that has the larger effect alone is the first of a pair
-    alone = {name: gain[:, 0, 0, at].sum() for name, at in columns.items()}
+    alone = {name: evidence[:, 0, 0, at].sum() for name, at in columns.items()}
     ordered = sorted(functions, key=lambda name: -alone[name])
     out = []
     for first, second in itertools.combinations(ordered, 2):
-        block = gain[:, :, columns[first], columns[second]]  # (components, aircraft + 1)
+        block = evidence[:, :, columns[first], columns[second]]  # (components, aircraft + 1)
         total = (block - 1.0).sum(axis=(2, 3))  # less one a coefficient (Akaike 1974)
-        by_share = np.logaddexp(
-            np.log1p(-SHARES)[:, None], np.log(SHARES)[:, None] + total[:, None, 1:]
-        ).sum(axis=2)
-        some = np.logaddexp.reduce(by_share, axis=1) - np.log(SHARES.size)
-        for component, evidence in zip(COMPONENTS, np.maximum(total[:, 0], some), strict=True):
-            out.append((float(evidence), first, second, component))
+        for component, (of_fleet, *gain) in zip(COMPONENTS, total.tolist(), strict=True):
+            of_some, _ = share_of_aircraft(np.array(gain))
+            out.append((max(of_fleet, of_some), first, second, component))
     return sorted(out, reverse=True)
 
 

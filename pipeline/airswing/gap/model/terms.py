@@ -117,10 +117,7 @@ def number_prior(aircraft: int) -> Floats:
 class Columns:
     """Columns of a term on the rows of each aircraft, and their products with the day fields.
 
-    Parameters
-    ----------
-    raw : (2 n, k) float32, optional
-        Whitened raw columns evaluated elsewhere than those of the sums.
+    ``raw`` (2 n, k) are whitened raw columns evaluated elsewhere than those of the sums.
     """
 
     def __init__(self, sums: Sums, term: Term, raw: Singles | None = None) -> None:
@@ -212,9 +209,9 @@ class Statistics:
     information: Floats  # (A, m, m)
     fleet_information: Floats  # (m, m)
     ridge: Floats  # (m, m)
-    fleet_inverse: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    factor: Floats = field(default_factory=lambda: np.zeros(0))  # (A,): of single aircraft
-    fleet_factor: float = 1.0
+    fleet_inverse: Floats  # (m, m)
+    factor: Floats  # (A,): of single aircraft
+    fleet_factor: float
     # variances, m2 s-2: of the lasting error of the reference; of the error that all aircraft
     # have; by aircraft, of the residual effect of terms in the model whose columns are inexact
     lasting: float = 0.0
@@ -386,22 +383,14 @@ class Model:
     def statistics(self, group: Group) -> Statistics:
         """Scores and information of a candidate, with its noise factors."""
         by_day, fleet_by_day = self.sums.information(group)
-        t, m = group.transform, group.size
-        total, fleet_total = by_day.sum(axis=1), fleet_by_day.sum(axis=0)
+        t = group.transform
         explained = self.explained[:, :, group.columns] @ t
-        information = total - np.einsum("aim,ain->amn", explained, explained)
+        information = by_day.sum(axis=1) - np.einsum("aim,ain->amn", explained, explained)
         of_fleet = self.fleet_explained[:, group.columns] @ t
-        fleet_information = fleet_total - of_fleet.T @ of_fleet
+        fleet_information = fleet_by_day.sum(axis=0) - of_fleet.T @ of_fleet
         day_score = self.day_score[:, :, group.columns] @ t
-        score = day_score.sum(axis=1)
-        ridge = 1e-7 * np.trace(total.sum(axis=0)) / m * np.eye(m) + 1e-12 * np.eye(m)
-        # the fit of each aircraft, whose part in the scores of days is no scatter
-        fit = np.linalg.solve(information + np.eye(m) / WIDE**2, score[..., None])[..., 0]
-        back = np.einsum("amn,an->am", np.linalg.solve(total + ridge, information), fit)
-        residual = day_score - np.einsum("adij,aj->adi", by_day, back)
-        stats = _with_factors(
-            Statistics(score, information, fleet_information, ridge), residual, by_day, fleet_by_day
-        )
+        given = information, fleet_information
+        stats = _with_factors(day_score, by_day, fleet_by_day, *given, WIDE)
         return replace(stats, lasting=self.lasting(group), remainder=self._remainder(group))
 
     def with_usual(self, group: Group, statistics: Statistics) -> Statistics:
@@ -440,29 +429,40 @@ class Model:
 
 def noise_factor(score: Floats, by_day: Floats) -> Statistics:
     """Statistics of a scalar regression: scores (A, D, m) and information (A, D, m, m) by day."""
-    m = score.shape[-1]
-    information, fleet = by_day.sum(axis=1), by_day.sum(axis=0)
-    ridge = 1e-7 * np.trace(information.sum(axis=0)) / m * np.eye(m) + 1e-12 * np.eye(m)
-    fit = np.linalg.solve(information + np.eye(m), score.sum(axis=1)[..., None])[..., 0]
-    residual = score - np.einsum("adij,aj->adi", by_day, fit)
-    statistics = Statistics(score.sum(axis=1), information, information.sum(axis=0), ridge)
-    return _with_factors(statistics, residual, by_day, fleet)
+    fleet = by_day.sum(axis=0)
+    return _with_factors(score, by_day, fleet, by_day.sum(axis=1), fleet.sum(axis=0), 1.0)
 
 
 def _with_factors(
-    stats: Statistics, residual: Floats, by_day: Floats, fleet_by_day: Floats
+    score: Floats,
+    by_day: Floats,
+    fleet_by_day: Floats,
+    information: Floats,
+    fleet_information: Floats,
+    width: float,
 ) -> Statistics:
-    """Statistics with the noise factors of day scores (A, D, m) less the fits of the aircraft."""
-    ridge = stats.ridge
-    inverse = np.asarray(np.linalg.inv(stats.information + ridge), np.float64)
-    fleet_inverse = np.asarray(np.linalg.inv(stats.fleet_information + ridge), np.float64)
+    """Statistics of scores (A, D, m) by day, with noise factors.
+
+    ``information`` (A, m, m) and ``fleet_information`` (m, m) are those given the terms, ``width``
+    is the prior standard deviation of the fit of each aircraft, whose part in the scores of days is
+    no scatter.
+    """
+    total, m = by_day.sum(axis=1), score.shape[-1]
+    ridge = 1e-7 * np.trace(total.sum(axis=0)) / m * np.eye(m) + 1e-12 * np.eye(m)
+    summed = score.sum(axis=1)
+    fit = np.linalg.solve(information + np.eye(m) / width**2, summed[..., None])[..., 0]
+    back = np.einsum("amn,an->am", np.linalg.solve(total + ridge, information), fit)
+    residual = score - np.einsum("adij,aj->adi", by_day, back)
+    inverse = np.asarray(np.linalg.inv(information + ridge), np.float64)
+    fleet_inverse = np.asarray(np.linalg.inv(fleet_information + ridge), np.float64)
     factor = np.maximum(*(cluster_factor(residual, by_day, inverse, ridge, n) for n in BLOCKS))
     together = residual.sum(axis=0)[None]
     fleet_factor = max(
         float(cluster_factor(together, fleet_by_day[None], fleet_inverse[None], ridge, n)[0])
         for n in BLOCKS
     )
-    return replace(stats, fleet_inverse=fleet_inverse, factor=factor, fleet_factor=fleet_factor)
+    given = information, fleet_information, ridge, fleet_inverse
+    return Statistics(summed, *given, factor, fleet_factor)
 
 
 #: Largest prior scale, m/s: a compass error of 5 degrees and an airspeed of 130 m/s give 8 m/s rms.

@@ -221,13 +221,12 @@ def diagnosis_dataset(fitted: Fitted) -> xr.Dataset:
     gross = np.bincount(frame.aircraft, noise.gross, minlength=len(frame.tails))
     out["gross_error_count"] = (("aircraft",), gross)
     evidence: dict[str, tuple[float, Floats]] = {}
-    for term in fitted.terms:
-        for margin, name, _ in [(0.0, term.group.name, term.scope), *term.rivals]:
-            score, included = evidence.get(name, (-np.inf, np.zeros(sums.A)))
-            if name == term.group.name and term.inclusion is not None:
-                included = np.maximum(term.inclusion, included)
-            if "|" not in name:
-                evidence[name] = max(score, term.score - margin), included
+    for entry in _evidence_entries(fitted):
+        score, included = evidence.get(entry.name, (-np.inf, np.zeros(sums.A)))
+        if entry.posterior:
+            included = np.maximum(entry.posterior, included)
+        if entry.known:
+            evidence[entry.name] = max(score, float(entry.evidence_nats)), included
     best = sorted(evidence, key=lambda name: -evidence[name][0])
     out["effect"] = ("effect", np.array(best, dtype=object))
     out["log_evidence"] = ("effect", np.array([evidence[name][0] for name in best], float))

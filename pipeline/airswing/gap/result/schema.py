@@ -390,7 +390,6 @@ class GapReport:
     noise: NoiseEntry
     reference: str | None = None
     headings_uuid: str | None = None
-    unconfirmed: Sequence[Mapping[str, object]] = ()
     waterfall: Sequence[StepEntry] = ()
     evidence: Sequence[EvidenceEntry] = ()
     untestable: Mapping[str, str] = field(default_factory=dict)
@@ -408,11 +407,6 @@ class GapReport:
     def content(self) -> dict[str, object]:
         """Mappings, lists and values, as :func:`airswing.products.whole_files.write_json` takes."""
         return dict(_as_json(self))
-
-    @classmethod
-    def of(cls, content: Mapping[str, object]) -> GapReport:
-        """Make a report of the content of a file; pydantic.ValidationError if it is not valid."""
-        return TypeAdapter(cls).validate_python(content)
 
     @classmethod
     def read(cls, path: Path) -> GapReport:

@@ -288,15 +288,15 @@ def _period(fitted: Fitted, claim: Claim, aircraft: int | None = None) -> list[s
 
 
 def summary(values: Sequence[Stated]) -> Stated:
-    """Median over aircraft of each parameter; a phase as the angle it is."""
+    """Median over aircraft of each number, of a phase as the angle it is; else the mode."""
     if len(values) == 1:
         return dict(values[0])
     out: Stated = {}
     for name in values[0]:
         column = [v[name] for v in values]
-        numbers = [x for x in column if isinstance(x, int | float)]
+        numbers = [x for x in column if isinstance(x, int | float) and not isinstance(x, bool)]
         if len(numbers) < len(column):
-            out[name] = column[0]
+            out[name] = max(column, key=column.count)
         elif name.startswith("phase"):
             turn = np.exp(1j * np.radians(numbers)).mean()
             out[name] = float(np.degrees(np.angle(turn)))

@@ -130,33 +130,11 @@ def simulate(
     coding: Coding | None = None,
     seed: int = 0,
 ) -> Frame:
-    """Simulate the reports of a frame.
+    """Simulate the reports of a frame: winds, implied heading and airspeed, positions as sent.
 
-    Parameters
-    ----------
-    frame : Frame
-        Paths, context and reference wind; its reported wind is not used.
-    effects : sequence of ActiveEffect
-        Effects with aircraft, period and parameters.
-    noise : NoiseModel, optional
-        Error of the reference along flights; none by default.
-    coding : Coding, optional
-        Steps of the coded wind, e.g. `Coding.of_archive`; none by default.
-    seed : int
-        Seed of noise and random effects. Noise does not depend on the effects, so that two
-        simulations differ by the effects only.
-
-    Returns
-    -------
-    Frame
-        The same reports with the simulated reported wind, the heading and airspeed that it
-        implies, and the position as sent.
-
-    Raises
-    ------
-    InputError
-        An effect or aircraft is unknown, the context of an effect is absent, or effects change the
-        heading so strongly that no indicated heading exists.
+    The ``noise`` of the reference does not depend on the effects, so that two simulations of one
+    ``seed`` differ by the effects only. InputError for an unknown effect or aircraft, where the
+    context of an effect is absent, or where no indicated heading exists.
     """
     noise_seed, *seeds = np.random.SeedSequence(seed).spawn(1 + len(effects))
     prepared = PreparedEffect.all_of(effects, frame, seeds)

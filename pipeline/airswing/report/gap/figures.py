@@ -17,6 +17,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from airswing.gap.archive.reported_variables import CATEGORIES
 from airswing.gap.result.schema import CurveEntry, GapReport, PlaceEntry
 from airswing.report import html
 from airswing.report.gap.words import plain_name
@@ -26,7 +27,6 @@ from airswing.report.run.selection import names_of
 from airswing.units import KNOT
 
 Floats = NDArray[np.float64]
-_CATEGORIES = {"phase": ("ascent", "cruise", "descent"), "icing": ("off", "on")}
 
 
 def gap_figures(gap: GapReport, maps: xr.Dataset) -> dict[str, Callable[[], Figure]]:
@@ -60,9 +60,7 @@ def _waterfall_figure(gap: GapReport) -> Figure:
     before, end, floor = gap.closure.before, gap.closure.after, gap.gap.noise_floor_kt
     bars = [("simulation so far", before, SOFT)]
     bars += [(f"+ {plain_name(name)}", step, "") for name, step, _ in steps]
-    bars.append(("with all effects", end, html.GREEN))
-    if np.isfinite(floor):
-        bars.append(("noise floor", floor, FAINT))
+    bars += [("with all effects", end, html.GREEN), ("noise floor", floor, FAINT)]
     figure, axes = html.panels(1.5 + 0.42 * (len(steps) + 3))
     look = Look(va="center", fontsize=9)
     look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
@@ -134,7 +132,7 @@ def _label_variable(
     """Name a variable with its unit; label categories by name, and full circles at the quarters."""
     name, edges, units = variables[index], every[index], curve.variable_units or []
     unit = units[index].replace("m/s2", "m/s²") if index < len(units) else ""
-    label, names = name.replace("_", " "), _CATEGORIES.get(name, ())
+    label, names = name.replace("_", " "), CATEGORIES.get(name, ())
     axis.set_label_text(f"{label} ({unit})" if unit and not names else label)
     if names and edges.size == len(names) + 1:
         axis.set_ticks(0.5 * (edges[1:] + edges[:-1]), names)

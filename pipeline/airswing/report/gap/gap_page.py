@@ -6,7 +6,6 @@ brackets are 95 % intervals throughout.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
 from pathlib import Path
@@ -37,24 +36,7 @@ _Drawn = Callable[..., list[Markup]]
 def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path:
     """Write the page of a gap diagnosis, ``index.html``, and its figures, ``figures/*.png``.
 
-    Parameters
-    ----------
-    directory : Path
-        Folder of the page, ``gap`` in the output folder.
-    gap : GapReport
-        Content of ``gap.json``.
-    maps : Dataset
-        Content of ``gap.nc``.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    InputError
-        If the page cannot be written.
+    ``maps`` is the content of ``gap.nc``. Returns the page; InputError if it cannot be written.
     """
     show = html.Figures(directory / "figures")
     figures = gap_figures(gap, maps)
@@ -72,8 +54,7 @@ def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path
             (words.levels_text(before, after), f"with the effects found{interval}, {days}"),
             (closure_text(closure).split(" (")[0], f"reduction{reduction}"),
         ]
-    if math.isfinite(floor := gap.gap.noise_floor_kt):
-        facts.append((f"{floor:.2f} kt", "noise floor"))
+    facts.append((f"{gap.gap.noise_floor_kt:.2f} kt", "noise floor"))
     p_value = p_text(gap.gap.significance).removeprefix("= ")
     text = html.document(
         title="airswing: gap between real and simulated reports",
@@ -327,6 +308,9 @@ class ShownDiagnosis(Diagnosis):
         """The figures of the gap's page by name, newly drawn."""
         with html.drawing():
             return {name: draw() for name, draw in gap_figures(self.report, self.dataset).items()}
+
+    def __repr__(self) -> str:
+        return words.verdict(self.report)
 
     def _repr_html_(self) -> str:
         return str(html.listing(words.verdict(self.report).split("\n")))

@@ -45,9 +45,6 @@ _ENDINGS = {
     "_s": " s",
 }
 _COMPONENTS = {
-    "cross": "across the heading",
-    "across": "across the heading",
-    "along": "along the heading",
     "both": "both components",
     "scatter": "scatter of single reports",
     "reported_speed": "distribution of reported speeds",
@@ -56,7 +53,6 @@ _COMPONENTS = {
     "reported_position": "steps of reported positions",
     "reported_heading": "steps of headings",
     "reported_time": "steps of reported times",
-    "wind_map": "a linear map of the wind",
     "airspeed_factor": "factor of the airspeed",
     "wind_angle": "wind direction",
     "wind_factor": "factor of the wind speed",
@@ -146,11 +142,8 @@ def _parameter_text(name: str, value: object, half: float, values: Sequence[floa
 
 
 def period_text(effect: EffectEntry) -> str:
-    """Return the dates between which an effect acts; empty if always."""
-    first, last = ((day or "")[:10] for day in effect.period or (None, None))
-    if first and last:
-        return f"from {first} to {last}"
-    return f"until {last}" if last else f"from {first}" if first else ""
+    """Return the date from which an effect acts; empty if always."""
+    return f"from {effect.period[0]}" if effect.period else ""
 
 
 def who_text(effect: EffectEntry | PlaceEntry, aircraft: int = 0, *, brief: bool = False) -> str:
@@ -259,8 +252,6 @@ def effect_sentence(effect: EffectEntry, fleet: int) -> str:
     ]
     if effect.closure:
         details.append(f"closes {closure_text(effect.closure)}")
-    elif effect.share_of_gap >= 0.005:
-        details.append(f"explains {100 * effect.share_of_gap:.0f} % of the gap")
     text = f"{plain_name(effect.name)} on {who_text(effect, fleet)}"
     return f"{capital(text)}: {', '.join(detail for detail in details if detail)}."
 
@@ -284,23 +275,14 @@ def place_sentence(place: PlaceEntry, fleet: int) -> str:
 
 
 def caution_lines(gap: GapReport) -> list[str]:
-    """Return sentences on unconfirmed effects, and on those that could remain undetected."""
-    lines = []
-    for effect in gap.unconfirmed:
-        # Rounded down, because 0.9 counts as found.
-        chance = math.floor(100 * float(str(effect["probability"]))) / 100
-        if chance >= 0.5:
-            lines.append(
-                f"Likely but not confirmed: {plain_name(str(effect['name']))} ({chance:.2f})."
-            )
+    """Return a sentence on effects that could remain undetected, where none is stated."""
     hidden = number(gap.closure.could_hide_kt)
-    if np.isfinite(hidden) and not gap.effects and not gap.unknown.where:
-        lines.append(
-            f"An error outside the catalogue could close up to {hidden:.2g} kt without being "
-            "detected; errors of the model common to all aircraft on all days count as weather and "
-            "may be larger."
-        )
-    return lines
+    if not np.isfinite(hidden) or gap.effects or gap.unknown.where:
+        return []
+    return [
+        f"An error outside the catalogue could close up to {hidden:.2g} kt without being detected; "
+        "errors of the model common to all aircraft on all days count as weather and may be larger."
+    ]
 
 
 def slice_words(entry: SliceEntry) -> str:

@@ -76,8 +76,14 @@ class Draw:
     grows: bool = False  # its strength grows with the length of the archive
     on_real_data: bool = False  # can be added to a real valve's record, and shows in one day
     acts: Acts | None = None  # reports it acts on by its nature; all by default
-    compared: tuple[str, ...] = ()  # parameters compared with the truth
+    # parameters compared with the truth; those that are scaled by default
+    compared: tuple[str, ...] | None = None
     fault: UnitFault | None = None  # physics, where it is not among the generator's
+
+    @property
+    def judged(self) -> tuple[str, ...]:
+        """Parameters compared with the truth."""
+        return self.scaled if self.compared is None else self.compared
 
     @property
     def variants(self) -> tuple[str, ...]:
