@@ -93,7 +93,7 @@ values = st.floats(-1e4, 1e4, allow_nan=False).map(lambda x: round(x, 6))
 @st.composite
 def effects_of_files(draw):
     effect = CATALOGUE[draw(st.sampled_from(sorted(CATALOGUE)))]
-    parameters = {p.name: draw(values) for p in effect.parameters if p.number}
+    parameters = {p.name: draw(values) for p in effect.parameters if p.units}
     if effect.name == "tail_swap":
         parameters["pair"] = ["N401", "N402"]
     names = st.lists(st.sampled_from(["N401", "7", "N403"]), min_size=1)

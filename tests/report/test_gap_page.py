@@ -65,6 +65,11 @@ def test_the_verdict_has_a_line_for_every_finding():
     assert "amplitude 3.9 ± 0.4°" in second and "closes 1.20 kt (1.00 to 1.40)" in second
     parts = ("N403, N404 and N405", "closes 3.30 kt (3.00 to 3.60)", "TAS scale (22 % of")
     assert all(text in third for text in parts)
+    for last, text in (
+        (None, "from 2009-07-18, "),
+        ("2009-07-28", "from 2009-07-18 to 2009-07-28"),
+    ):
+        assert text in verdict(content(iron("N401", period=["2009-07-18", last])))
     swap = effect("tail_swap", "N1", "N2", parameters={"pair": ["N1", "N2"]})
     assert verdict(content(swap)).endswith("Tail swap on N1 and N2: probability 0.99.")
 

@@ -105,8 +105,9 @@ def _score_names(label: Label, claims: Sequence[Entry]) -> Score:
             common = len(stated & set(true_tails))
             precision.append(common / len(stated) if stated else 0.0)
             recall.append(common / len(true_tails))
-        errors += parameter_errors(draw.judged, effects[0], named)
-        deviations += standardised_errors(draw.judged, effects[0], named)
+        compared = draw.compared(effects[0]["parameters"])
+        errors += parameter_errors(compared, effects[0], named)
+        deviations += standardised_errors(compared, effects[0], named)
         if effects[0]["period"]:
             dates.append(date_error(effects[0]["period"], [claim["period"] for claim in named]))
     valid = [value for value in dates if value is not None]

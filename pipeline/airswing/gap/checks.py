@@ -208,7 +208,7 @@ def calibrate(
     simulated: Floats = rng.normal(size=(real.shape[0], 2))
     values = real[used]
     sd = 1.0 / (noise.gains.weight[used] * noise.gains.scale[used])
-    lag, lag_error = lag_one(real, used, frame.flight, frame.time, day)
+    lag, lag_error = lag_one(frame, real, used, day)
     auc, auc_error = two_sample(
         flight_features(frame, real, used), flight_features(frame, simulated, used), rng
     )
@@ -227,16 +227,14 @@ def calibrate(
     return entry, np.histogram(probability, 20, (0.0, 1.0))[0]
 
 
-def lag_one(
-    values: Floats, used: Booleans, flight: Integers, time: Floats, day: Integers
-) -> tuple[float, float]:
+def lag_one(frame: Frame, values: Floats, used: Booleans, day: Integers) -> tuple[float, float]:
     """Correlation of neighbours on a flight and its standard error over days; NaN without any.
 
     ``values`` are whitened residuals (n, 2), ``used`` marks the reports in use.
     """
-    order = np.lexsort((time, flight))
+    order = np.lexsort((frame.time, frame.flight))
     order = order[used[order]]
-    same = flight[order[:-1]] == flight[order[1:]]
+    same = frame.flight[order[:-1]] == frame.flight[order[1:]]
     before, after = order[:-1][same], order[1:][same]
     product = (values[before] * values[after]).sum(axis=1)
     power = 0.5 * (values[before] ** 2 + values[after] ** 2).sum(axis=1)

@@ -62,9 +62,7 @@ def exogenous(frame: Frame) -> Frame:
         dvdlnp=np.where(finite, shear[:, 1], np.nan),
         heading=np.mod(heading, 2 * np.pi),
         magnetic_heading=np.mod(heading - declination, 2 * np.pi),
-        airspeed=typical_airspeed(
-            frame.airspeed, np.log(frame.pressure), frame.phase, frame.aircraft, frame.flight
-        ),
+        airspeed=typical_airspeed(frame),
     )
 
 
@@ -117,28 +115,23 @@ def smooth_deviation(difference: Floats, angle: Floats, aircraft: NDArray[np.int
     return out
 
 
-def typical_airspeed(
-    airspeed: Floats,
-    log_pressure: Floats,
-    phase: NDArray[np.integer],
-    aircraft: NDArray[np.integer],
-    flight: NDArray[np.integer],
-) -> Floats:
+def typical_airspeed(frame: Frame) -> Floats:
     """Airspeed from the aircraft's own profile and the flight's mean departure from it, (n,)."""
+    airspeed, log_pressure = frame.airspeed, np.log(frame.pressure)
     # slightly beyond the last, so that knots increase where all reports are at one level
     knots = np.linspace(log_pressure.min(), log_pressure.max() + 1e-6, 7)
     base = hats(log_pressure, knots).T
-    climbing = np.stack([phase == 1, phase == 3], -1)[:, :, None]
+    climbing = np.stack([frame.phase == 1, frame.phase == 3], -1)[:, :, None]
     design = np.concatenate([base, (climbing * base[:, None, :]).reshape(base.shape[0], -1)], -1)
     out = np.empty_like(airspeed)
-    for a in np.unique(aircraft):
-        index = np.flatnonzero(aircraft == a)
+    for a in np.unique(frame.aircraft):
+        index = np.flatnonzero(frame.aircraft == a)
         middle = np.median(airspeed[index])
         # worth one report: knots an aircraft never flew at fall back to its median
         normal = design[index].T @ design[index] + np.eye(design.shape[1])
         profile = np.linalg.solve(normal, design[index].T @ (airspeed[index] - middle))
         out[index] = middle + design[index] @ profile
-    _, number = np.unique(flight, return_inverse=True)
+    _, number = np.unique(frame.flight, return_inverse=True)
     count = np.bincount(number)
     # two reports' worth of the profile: a flight of one or two would be its own typical airspeed
     return np.asarray(out + (np.bincount(number, airspeed - out) / (count + 2.0))[number])

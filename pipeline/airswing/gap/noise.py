@@ -301,7 +301,7 @@ def fit_noise(
     order = flight_order(frame.flight, frame.time)
     log_pressure = np.log(frame.pressure)
     distance, step = flight_steps(frame.latitude, frame.longitude, log_pressure, order)
-    smooth = remove_smooth_effects(residual, frame.aircraft, frame.heading, frame.airspeed)
+    smooth = remove_smooth_effects(residual, frame)
     gross = gross_errors(smooth, order)
     nodes, factors = level_factors(smooth[~gross], log_pressure[~gross])
     level = np.interp(log_pressure, nodes, factors)
@@ -412,21 +412,21 @@ def gross_errors(residual: Floats, order: FlightOrder) -> Booleans:
     return np.asarray((np.abs(departure) > 5.0 * spread).any(axis=1) & valid)
 
 
-def remove_smooth_effects(
-    residual: Floats, aircraft: NDArray[np.integer], heading: Floats, airspeed: Floats
-) -> Floats:
+def remove_smooth_effects(residual: Floats, frame: Frame) -> Floats:
     """Residual (n, 2) less each aircraft's regression on heading harmonics, airspeed and wind."""
     out = residual.copy()
-    for a in np.unique(aircraft):
-        rows = np.flatnonzero(aircraft == a)
+    for a in np.unique(frame.aircraft):
+        rows = np.flatnonzero(frame.aircraft == a)
+        heading = frame.heading[rows]
         # columns of a heading error of two cycles, an airspeed factor and a wind
-        sine, cosine = np.sin(heading[rows]), np.cos(heading[rows])
-        across, along = unit_vectors(heading[rows])
+        sine, cosine = np.sin(heading), np.cos(heading)
+        across, along = unit_vectors(heading)
         design: Floats = np.empty((8, rows.size, 2))
         harmonics = [np.ones(rows.size), sine, cosine, 2.0 * sine * cosine, cosine**2 - sine**2]
         design[:5] = np.stack(harmonics)[:, :, None] * across
         design[5] = along
-        design[:6] *= airspeed[rows, None] / 100.0  # of the order of 1: a well-conditioned system
+        # of the order of 1: a well-conditioned system
+        design[:6] *= frame.airspeed[rows, None] / 100.0
         design[6], design[7] = (1.0, 0.0), (0.0, 1.0)
         design = design.reshape(8, -1)
         values = residual[rows].ravel()

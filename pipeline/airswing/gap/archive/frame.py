@@ -172,11 +172,6 @@ class Frame:
         return int(self.time.size)
 
     @property
-    def day(self) -> Integers:
-        """Whole days since 1970, (n,)."""
-        return np.floor_divide(self.time, DAY).astype(np.int64)
-
-    @property
     def residual(self) -> Floats:
         """Reported minus reference wind, (n, 2), m s-1."""
         return np.stack([self.u_rep - self.u_ref, self.v_rep - self.v_ref], axis=-1)

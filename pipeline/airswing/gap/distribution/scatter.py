@@ -29,6 +29,7 @@ from airswing.gap.result.schema import CurveEntry, PlaceEntry
 from airswing.gap.result.statement import curve_over
 from airswing.gap.simulation.forward import Coding, draw_noise
 from airswing.physics.robust_spread import robust_sd
+from airswing.units import DAY
 
 #: Simulated archives that the reports are compared with.
 DRAWS = 2
@@ -198,7 +199,7 @@ def _by_variable(
     selected = np.isin(frame.aircraft, candidate.tails) & np.isfinite(y)
     cell = cells_of(variable.values, edges)
     selected &= cell >= 0
-    even = frame.day % 2 == 0
+    even = frame.time // DAY % 2 == 0
     (count, total), (count_even, total_even) = (
         _sums(cell, y, reports, edges.size - 1) for reports in (selected, selected & even)
     )

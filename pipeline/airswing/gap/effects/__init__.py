@@ -6,16 +6,7 @@ import pkgutil
 from airswing.gap.effects.base import CATALOGUE, ActiveEffect, Effect, Parameter, State
 from airswing.gap.effects.empirical import EMPIRICAL
 
-__all__ = [
-    "CATALOGUE",
-    "EMPIRICAL",
-    "ActiveEffect",
-    "Effect",
-    "Parameter",
-    "State",
-    "effect_named",
-    "separated_by",
-]
+__all__ = ["CATALOGUE", "EMPIRICAL", "ActiveEffect", "Effect", "Parameter", "State"]
 
 for _name in sorted(module.name for module in pkgutil.iter_modules(__path__)):
     _effect = getattr(importlib.import_module(f"{__name__}.{_name}"), "EFFECT", None)

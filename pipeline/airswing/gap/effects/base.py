@@ -63,11 +63,6 @@ class Parameter:
         """One unit in radians or SI."""
         return _SI.get(self.units, 1.0)
 
-    @property
-    def number(self) -> bool:
-        """Whether its values are numbers."""
-        return bool(self.units)
-
 
 @dataclass(frozen=True)
 class ActiveEffect:

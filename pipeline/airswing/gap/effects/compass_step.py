@@ -16,12 +16,7 @@ class CompassStep(OffsetAndCycle):
     name = "compass_step"
     title = "compass deviation that changes at a date"
     deviates = True
-    draw = Draw(
-        offset_and_cycle,
-        ("offset_deg", "amplitude_deg"),
-        dated="always",
-        compared=("offset_deg", "amplitude_deg", "phase_deg"),
-    )
+    draw = Draw(offset_and_cycle, ("offset_deg", "amplitude_deg"), dated="always")
     distinguished_by = dict.fromkeys(
         ("compass_drift", "compass_offset", "hard_iron"),
         "a longer record before and after the change",

@@ -100,22 +100,17 @@ class Empirical(MomentEffect):
     A table over the reported wind depends on the wind as sent, which is found by iteration. The
     component ``reported_speed`` is a map instead: ``edges`` are speeds and ``values`` the speeds
     sent in their place, linear between them and shifted beyond the last. The component ``scatter``
-    changes no mean: its values are standard deviations of an error drawn for every report.
+    changes no mean: its values are standard deviations of an error drawn for every report. A table
+    is valid within the range of its variables and for the aircraft it was fitted to.
     """
 
     name = "empirical"
-    physics = (
-        "None: a table fitted to the archive, so that a simulation can include an unexplained "
-        "error. It is valid within the range of its variables and for these aircraft only."
-    )
-    source = "The diagnosis of the archive, on held-out days."
     parameters = (
         Parameter("component", "", 0.0, "component in error", None, required=True),
         Parameter("variables", "", 0.0, "one or two names", None, required=True),
         Parameter("edges", "", 0.0, "cells of each variable", None, required=True),
         Parameter("values", "", 0.0, "one per cell", None, required=True),
     )
-    confused_with = ("any effect that depends on the same variables",)
 
     def apply(self, state: State, frame: Frame, values: Parameters, rng: Random) -> State:
         table = Table.from_parameters(values)

@@ -21,9 +21,7 @@ class HardIron(CycleEffect):
     name = "hard_iron"
     title = "heading error of one cycle"
     deviates = True
-    draw = Draw(
-        cycle, ("amplitude_deg",), on_real_data=True, compared=("amplitude_deg", "phase_deg")
-    )
+    draw = Draw(cycle, ("amplitude_deg",), on_real_data=True)
     physics = (
         "Magnetised parts and direct currents add a field fixed in the aircraft; against the "
         "earth's horizontal field H it turns the flux valve by an angle of one cycle in magnetic "

@@ -22,8 +22,7 @@ class HeadingCoding(MomentEffect):
     name = "heading_coding"
     title = "headings coded more coarsely than stated"
     draw = Draw(
-        ladder=({"step_deg": 2.0}, {"step_deg": 5.0}, {"step_deg": 10.0}, {"step_deg": 15.0}),
-        compared=("step_deg",),
+        ladder=({"step_deg": 2.0}, {"step_deg": 5.0}, {"step_deg": 10.0}, {"step_deg": 15.0})
     )
     physics = (
         "The unit takes its heading from a bus or a display in steps of a few degrees: the wind "

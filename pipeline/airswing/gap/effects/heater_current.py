@@ -59,13 +59,7 @@ class HeaterCurrent(OffsetAndCycle):
 
     name = "heater_current"
     title = "heading error while icing protection is on"
-    draw = Draw(
-        offset_and_cycle,
-        ("offset_deg", "amplitude_deg"),
-        form=_band,
-        acts=_heated,
-        compared=("offset_deg", "amplitude_deg", "phase_deg"),
-    )
+    draw = Draw(offset_and_cycle, ("offset_deg", "amplitude_deg"), form=_band, acts=_heated)
     distinguished_by = {"compass_offset": "the icing flag, on and off on each heading"}
     physics = (
         "The direct current of electric de-icing makes a magnetic field fixed in the aircraft; the "

@@ -15,8 +15,7 @@ class Outliers(MomentEffect):
     name = "outliers"
     title = "gross errors"
     draw = Draw(
-        ladder=({"fraction": 0.005}, {"fraction": 0.01}, {"fraction": 0.02}, {"fraction": 0.04}),
-        compared=("fraction",),
+        ladder=({"fraction": 0.005}, {"fraction": 0.01}, {"fraction": 0.02}, {"fraction": 0.04})
     )
     physics = (
         "Transmission errors, wrong digits, winds computed in a manoeuvre: single reports that are "

@@ -21,9 +21,7 @@ class PositionCoding(MomentEffect):
 
     name = "position_coding"
     title = "positions coded more coarsely than stated"
-    draw = Draw(
-        ladder=({"step": 0.5}, {"step": 1.0}, {"step": 2.0}, {"step": 5.0}), compared=("step",)
-    )
+    draw = Draw(ladder=({"step": 0.5}, {"step": 1.0}, {"step": 2.0}, {"step": 5.0}))
     physics = (
         "A message format on the way keeps fewer digits of the position: ground speed and track "
         "made from consecutive positions scatter, and with them heading and airspeed."

@@ -14,9 +14,7 @@ class SoftIron(CycleEffect):
     name = "soft_iron"
     title = "heading error of two cycles"
     deviates = True
-    draw = Draw(
-        cycle, ("amplitude_deg",), on_real_data=True, compared=("amplitude_deg", "phase_deg")
-    )
+    draw = Draw(cycle, ("amplitude_deg",), on_real_data=True)
     distinguished_by = {"hard_iron": "headings in more compass points"}
     physics = (
         "Soft iron lying in the horizontal is magnetised by the earth's horizontal field and turns "

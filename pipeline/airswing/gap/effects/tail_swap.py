@@ -20,7 +20,7 @@ class TailSwap(MomentEffect):
 
     name = "tail_swap"
     title = "two aircraft exchanged identifiers"
-    draw = Draw(scaled=("amplitude_deg",), scope="pair", dated="late", compared=())
+    draw = Draw(scaled=("amplitude_deg",), scope="pair", dated="late")
     physics = (
         "Units are exchanged between aircraft, or an identifier table is filled in wrongly: each "
         "report shows the deviation and airspeed error of the other aircraft."

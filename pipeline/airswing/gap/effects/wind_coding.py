@@ -25,8 +25,7 @@ class WindCoding(MomentEffect):
             {"step": 2.0, "direction_step_deg": 5.0},
             {"step": 5.0, "direction_step_deg": 5.0},
             {"step": 5.0, "direction_step_deg": 10.0},
-        ),
-        compared=("step",),
+        )
     )
     physics = (
         "A message format on the way keeps fewer digits (10-degree or 5-knot steps): values lie "

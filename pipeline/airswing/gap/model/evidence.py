@@ -286,7 +286,7 @@ def dated_evidence(
     if not able.any():
         nothing = ScopeEvidence(-np.inf, float(SCALES[0]), (), np.zeros(sums.A))
         return nothing, nothing
-    statistics = model.with_usual(group, model.statistics(group))
+    statistics = model.statistics(group)
     changes = (statistics, score, information, cross, shape, able)
     ranked = _change_evidence(*changes, kappa)
     if ranked.evidence < least:

@@ -7,7 +7,6 @@ docs/gap.md, section 5.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -25,7 +24,6 @@ from airswing.gap.model.sums import GATE, Sums
 from airswing.gap.model.terms import Model, Term, set_prior
 from airswing.gap.noise import NoiseFit, fit_noise
 
-LOG = logging.getLogger(__name__)
 #: Most passes after the first: each reduces the error of first order by that of the one before.
 PASSES = 4
 
@@ -117,7 +115,6 @@ def fit_model(
     exchange = _likeliest_exchange(fitted, effects) if exchanges else None
     fitted.search(effects)
     if exchange is not None:
-        LOG.debug("exchange %s", exchange)
         corrected = _fit_with_exchange(fitted, exchange, effects, tables, seed)
         if corrected is not None:
             fitted = corrected
@@ -143,27 +140,21 @@ def _likeliest_exchange(fitted: Fitted, effects: Mapping[str, Effect]) -> Exchan
     return exchange if exchange.evidence > exchange.as_changes else None
 
 
-def exchange_identifiers(frame: Frame, exchange: Exchange, sums: Sums) -> Frame:
-    """Frame with the identifiers of the later reports of a pair exchanged."""
-    first, second = exchange.pair
-    late = sums.day >= exchange.day
-    aircraft = frame.aircraft.copy()
-    aircraft[late & (frame.aircraft == first)] = second
-    aircraft[late & (frame.aircraft == second)] = first
-    return replace(frame, aircraft=aircraft)
-
-
 def _fit_with_exchange(
     fitted: Fitted, exchange: Exchange, effects: Mapping[str, Effect], tables: bool, seed: int
 ) -> Fitted | None:
-    frame = exchange_identifiers(fitted.frame, exchange, fitted.model.sums)
+    """Fit with the identifiers of the later reports of a pair exchanged; None if no better."""
+    sums, (first, second) = fitted.model.sums, exchange.pair
+    late = sums.day >= exchange.day
+    aircraft = fitted.frame.aircraft.copy()
+    aircraft[late & (fitted.frame.aircraft == first)] = second
+    aircraft[late & (fitted.frame.aircraft == second)] = first
+    frame = replace(fitted.frame, aircraft=aircraft)
     corrected = prepared(frame, effects, tables=tables, seed=seed, noise=fitted.noise)
     corrected.search(effects)
     kappa = max(fitted.model.kappa, corrected.model.kappa)
     gain = total_evidence(corrected, kappa) - total_evidence(fitted, kappa)
-    pairs = fitted.model.sums.A * (fitted.model.sums.A - 1) / 2 * fitted.model.sums.D
-    evidence = gain - float(np.log(pairs))
-    LOG.debug("exchange with all other terms: %.1f", evidence)
+    evidence = gain - float(np.log(sums.A * (sums.A - 1) / 2 * sums.D))  # pairs and days
     if evidence - np.log(2 * len(effects)) < GATE:
         return None
     corrected.exchange = replace(exchange, evidence=evidence)
@@ -196,7 +187,6 @@ def _linearised(fitted: Fitted, effects: Mapping[str, Effect], tables: bool, see
     small = not acting.size or (np.sqrt((acting**2).mean()) < 1.0 and acting.max() < 2.5)
     if fitted.complete and (small or fitted.errors is not None):
         return fitted
-    LOG.debug("further pass")
     corrected, _, _ = without_errors(fitted.frame, errors)
     fitted.model.sums.release()
     again = prepared(

@@ -19,7 +19,7 @@ from airswing.gap.model.candidates import Group, Table
 from airswing.gap.model.evidence import SMALL, dated_evidence, static_evidence
 from airswing.gap.model.pairs import FINE, add_pairs
 from airswing.gap.model.sums import GATE
-from airswing.gap.model.terms import Model, Statistics, Term, describe, log_evidence, set_prior
+from airswing.gap.model.terms import Model, Statistics, Term, log_evidence, set_prior
 
 LOG = logging.getLogger(__name__)
 #: Share of a table's log evidence that a name must hold: a deviation of 5 degrees turns the heading
@@ -66,8 +66,7 @@ def screen(model: Model, groups: Sequence[Group] | None = None) -> list[Term]:
                 out.append(Term(group, "a", gated.tails, *fields, shape=gated.shape))
             continue
         factor = max(model.kappa, stats.mean_factor)
-        usual_too = model.with_usual(group, stats)
-        out += _static_terms(model, group, usual_too, factor)
+        out += _static_terms(model, group, stats, factor)
     return sorted(out, key=lambda term: -term.score)
 
 
@@ -244,7 +243,7 @@ def _several_names(
         if best is None or best.score <= GATE:
             break
         best = _prune_aircraft(model, fitted, best)
-        LOG.debug("  several names: %s", describe(best))
+        LOG.debug("  several names: %s, score %.1f", best.key, best.score)
         selected.append(best)
         freedom, total = freedom + best.freedom, total + best.score
         if freedom > table.freedom:
@@ -354,7 +353,7 @@ def search(
         ranking = _contest_of_all(model, terms)
         if not ranking:
             break
-        LOG.debug("+ %s", describe(ranking[0]))
+        LOG.debug("+ %s, score %.1f", ranking[0].key, ranking[0].score)
         if ranking[0].score < second_order(terms):
             return terms, False
         terms = [*terms, ranking[0]]
@@ -392,12 +391,12 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
             model.condition(rest)
             ranking = _contest_of_all(model, rest, term)
             if not ranking:
-                LOG.debug("- %s", describe(term))
+                LOG.debug("- %s", term.key)
                 terms, changed = rest, True
                 continue
             new = ranking[0]
             if new.label != term.label:
-                LOG.debug("~ %s -> %s", describe(term), describe(new))
+                LOG.debug("~ %s -> %s, score %.1f", term.key, new.key, new.score)
             changed |= new.key != term.key
             terms = [new if t is term else t for t in terms]
             if new.label != term.label:
@@ -429,7 +428,7 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
     options = [Table(c, lever) for c in finer for lever in (component, LEVERS[component])][1:]
     best = _best_table(model, terms, term, options, float(np.log(1 + len(options))))
     if best is not term:
-        LOG.debug("~ %s -> %s", describe(term), describe(best))
+        LOG.debug("~ %s -> %s, score %.1f", term.key, best.key, best.score)
         terms = [best if t is term else t for t in terms]
         model.condition(terms)
     return terms

@@ -97,16 +97,6 @@ def set_prior(model: Model, term: Term) -> float:
     return out - float(np.log(model.sums.D)) * len(set(term.start.values()))
 
 
-def describe(term: Term) -> str:
-    """A term in one line."""
-    days = f" from day {sorted(set(term.start.values()))}" if term.start else ""
-    return (
-        f"{term.group.name}{list(term.group.form) or ''} {term.scope} {len(term.tails)} aircraft"
-        f"{days} score {term.score:.1f} gate {term.gate:.1f} s {term.scale} spread {term.spread}"
-        f" rivals {[(round(r[0], 1), r[1], r[2]) for r in term.rivals[:4]]}"
-    )
-
-
 def number_prior(aircraft: int) -> Floats:
     """Log prior of each set of 0, 1, ... A aircraft under a uniform share."""
     sizes = np.arange(aircraft + 1)
@@ -391,11 +381,9 @@ class Model:
         day_score = self.day_score[:, :, group.columns] @ t
         given = information, fleet_information
         stats = _with_factors(day_score, by_day, fleet_by_day, *given, WIDE)
-        return replace(stats, lasting=self.lasting(group), remainder=self._remainder(group))
-
-    def with_usual(self, group: Group, statistics: Statistics) -> Statistics:
-        """Statistics with m^2 of this archive."""
-        return replace(statistics, usual=self.usual.get(group.quantity, (0.0, 0.0))[0])
+        usual, _ = self.usual.get(group.quantity, (0.0, 0.0))
+        lasting, remainder = self.lasting(group), self._remainder(group)
+        return replace(stats, usual=usual, lasting=lasting, remainder=remainder)
 
     def lasting(self, group: Group) -> float:
         """L^2 of a candidate: the usual variance in this archive, at least `LASTING`, m2 s-2."""

@@ -119,12 +119,8 @@ def plain_period(period: tuple[float | None, float | None] | None) -> list[str |
     """Convert a period (s since 1970) to ISO 8601 text, UTC; open ends are None."""
     if period is None:
         return None
-    out: list[str | None] = []
-    for end in period:
-        stamp = None if end is None else datetime.fromtimestamp(end, UTC).replace(tzinfo=None)
-        digits = "milliseconds" if stamp and stamp.microsecond else "seconds"
-        out.append(None if stamp is None else f"{stamp.isoformat(timespec=digits)}Z")
-    return out
+    stamps = [None if end is None else datetime.fromtimestamp(end, UTC) for end in period]
+    return [stamp and stamp.isoformat().replace("+00:00", "Z") for stamp in stamps]
 
 
 def _builtin(value: object) -> object:
@@ -192,7 +188,7 @@ def _check_keys(
 
 
 def _number(parameter: Parameter, value: object, file: object | None) -> object:
-    if not parameter.number:
+    if not parameter.units:
         return value
     if isinstance(value, str):
         unit = "dimensionless" if parameter.units == "1" else parameter.units

@@ -142,8 +142,8 @@ def _parameter_text(name: str, value: object, half: float, values: Sequence[floa
 
 
 def period_text(effect: EffectEntry) -> str:
-    """Return the date from which an effect acts; empty if always."""
-    return f"from {effect.period[0]}" if effect.period else ""
+    """Return the dates between which an effect acts; empty if always."""
+    return f"from {' to '.join(filter(None, effect.period))}" if effect.period else ""
 
 
 def who_text(effect: EffectEntry | PlaceEntry, aircraft: int = 0, *, brief: bool = False) -> str:

@@ -76,14 +76,15 @@ class Draw:
     grows: bool = False  # its strength grows with the length of the archive
     on_real_data: bool = False  # can be added to a real valve's record, and shows in one day
     acts: Acts | None = None  # reports it acts on by its nature; all by default
-    # parameters compared with the truth; those that are scaled by default
-    compared: tuple[str, ...] | None = None
     fault: UnitFault | None = None  # physics, where it is not among the generator's
 
-    @property
-    def judged(self) -> tuple[str, ...]:
-        """Parameters compared with the truth."""
-        return self.scaled if self.compared is None else self.compared
+    def compared(self, parameters: Mapping[str, Any]) -> tuple[str, ...]:
+        """Which of the true parameters are compared with the stated ones."""
+        if self.scope == "pair":
+            return ()  # its deviations are two further effects
+        if self.ladder:
+            return tuple(self.ladder[0])[:1]
+        return (*self.scaled, *("phase_deg",) * ("phase_deg" in parameters))
 
     @property
     def variants(self) -> tuple[str, ...]:
