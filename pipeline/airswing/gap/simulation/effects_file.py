@@ -119,8 +119,8 @@ def plain_period(period: tuple[float | None, float | None] | None) -> list[str |
     """Convert a period (s since 1970) to ISO 8601 text, UTC; open ends are None."""
     if period is None:
         return None
-    stamps = [None if end is None else datetime.fromtimestamp(end, UTC) for end in period]
-    return [stamp and stamp.isoformat().replace("+00:00", "Z") for stamp in stamps]
+    ends = ["" if end is None else datetime.fromtimestamp(end, UTC).isoformat() for end in period]
+    return [end.replace("+00:00", "Z") or None for end in ends]
 
 
 def _builtin(value: object) -> object:
