@@ -201,11 +201,12 @@ def write_archive(
     *,
     effects: Effects | None = None,
     times_per_file: int = 1,
+    truth: str | Path | None = None,
     output: str | None = None,
     thinned: Mapping[str, float] | None = None,
     **options: Any,
 ) -> Path:
-    """Write an archive: reports, GRIB, a configuration, and ``truth/truth.json``.
+    """Write an archive: reports, GRIB, a configuration, and the truth next to them.
 
     Parameters
     ----------
@@ -216,6 +217,8 @@ def write_archive(
         for every aircraft; an empty list means perfect units.
     times_per_file : int, default 1
         Valid times in one GRIB file.
+    truth : path, optional
+        Folder of ``truth.json``; ``directory/truth`` by default.
     output : str, optional
         Output folder of the configuration; ``directory/results`` by default.
     thinned : mapping, optional
@@ -261,7 +264,7 @@ def write_archive(
     target = root / "config.yaml"
     target.write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
     save_truth(
-        root / "truth",
+        Path(truth) if truth is not None else root / "truth",
         truth_record(frame, faults, scenario.tails, effects, usual_field=usual),
         seed=scenario.seed,
         start=scenario.start,
