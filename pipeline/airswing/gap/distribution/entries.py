@@ -103,6 +103,8 @@ def unnamed(entry: EffectEntry, frame: Frame) -> PlaceEntry:
     """
     assert entry.closure is not None
     component, variable = _SHOWN_BY[entry.name]
+    if entry.parameters.get("direction_step_deg") == 1.0:  # only speeds are coarse
+        variable = "wind_speed"
     tails = frame.tails
     affected = [tails.index(tail) for tail in entry.tails]
     size = entry.closure.reduction * KNOT / float(np.isin(frame.aircraft, affected).mean())

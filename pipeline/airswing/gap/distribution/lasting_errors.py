@@ -82,7 +82,7 @@ def _evidence(
     ``score``, ``information`` and ``aircraft`` are of each period.
     """
     used = np.flatnonzero(information > 0.0)
-    if used.size < 20:
+    if not used.size:
         return None
     owner, value = aircraft[used], score[used] / information[used]
     # half of all values are below the median of the law of those without an effect
