@@ -170,7 +170,7 @@ def aliases(fitted: Fitted) -> list[AliasEntry]:
         return np.asarray(columns @ group.transform.astype(np.float32), np.float64)
 
     for term in fitted.terms:
-        if not term.group.named or term.start:
+        if not term.group.named or term.period:
             continue
         columns = whitened(term.group)
         total = max(sum(float((columns[sums.rows_of(a)] ** 2).sum()) for a in term.tails), 1e-12)

@@ -34,7 +34,7 @@ from airswing.gap.model.terms import Model
 from airswing.gap.noise import gross_errors
 from airswing.gap.result.report import assemble, diagnosis_dataset
 from airswing.gap.result.schema import ClosesEntry, EffectEntry, GapReport, PlaceEntry
-from airswing.gap.result.statement import by_member, claims_of, effect_entry, with_ends
+from airswing.gap.result.statement import by_member, claims_of, effect_entry
 
 Progress = Callable[[str], None]
 
@@ -144,8 +144,8 @@ def diagnose(
         frame, effects, tables=dictionary, exchanges="tail_swap" in catalogue, seed=seed
     )
     say("closure")
-    claims = with_ends(fitted, claims_of(fitted.terms))
-    closure = close(fitted, [claim.terms + claim.ends for claim in claims], seed=seed)
+    claims = claims_of(fitted.terms)
+    closure = close(fitted, [claim.terms for claim in claims], seed=seed)
     say("distribution")
     unseen = _effects_without_mean(fitted, closure, catalogue, dictionary, seed)
     say("where")

@@ -102,9 +102,9 @@ def test_the_score_test_by_hand():
     np.testing.assert_allclose(estimate, [1.0, 0.0])
 
 
-def term(name, kind="name", scope="a", score=10.0, start=None):
+def term(name, kind="name", scope="a", score=10.0, period=None):
     group = Group(name, kind, slice(0, 1), np.eye(1), "af", 0.0)
-    return Term(group, scope, (0,), 1.0, start or {}, score, score)
+    return Term(group, scope, (0,), 1.0, period or {}, score, score)
 
 
 def test_a_name_in_two_scopes_is_one_claim_and_a_dated_one_another():
@@ -112,7 +112,7 @@ def test_a_name_in_two_scopes_is_one_claim_and_a_dated_one_another():
         term("date|heading_angle", "table", score=90.0),
         term("tas_scale", scope="f", score=20.0),
         term("tas_scale", score=30.0),
-        term("compass_drift", start={0: 4}),
+        term("compass_drift", period={0: (4, 9)}),
         term("compass_drift"),
     ]
     claims = claims_of(terms)

@@ -77,7 +77,7 @@ class Group:
     # the quantity in error: ``heading``, ``airspeed`` (with all effects that reverse with the
     # direction of flight) or ``wind``
     quantity: str = "wind"
-    dated: bool = False  # whether it acts from a date on
+    dated: bool = False  # whether it acts in a period
 
     @property
     def size(self) -> int:
@@ -101,7 +101,7 @@ class Group:
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """Variables of a table; of one that begins at a date, the date as well."""
+        """Variables of a table; of one that acts in a period, the date as well."""
         if self.dated and self.size == 1:
             return ("date",)
         return (*self.name.partition("|")[0].split(" x "), *["date"] * self.dated)

@@ -1,7 +1,7 @@
 """Log evidence of candidates: spike and slab over aircraft, a common part, dates, exchanges.
 
 The likelihood of scores U~_a = G_a (theta_a + theta_F) + N(0, kappa G_a) by aircraft, the priors of
-the scopes, of changes at a date and of exchanged identifiers are those of docs/gap.md, section 4.
+the scopes, of changes in a period and of exchanged identifiers are those of docs/gap.md, section 4.
 
 Source: Mitchell and Beauchamp (1988), J. Am. Stat. Assoc. 83, 1023-1032 (spike and slab); Zellner
 (1986), On assessing prior distributions with g-prior distributions, Elsevier, 233-243.
@@ -53,9 +53,9 @@ class ScopeEvidence:
     tails: tuple[int, ...]  # aircraft affected with the probability `INCLUDED` and more
     inclusion: Floats  # (A,): posterior probability of each
     spread: float = 0.0  # `SPREAD` where the affected share a mean, otherwise 0
-    # of a dated candidate: first stretch of days of each affected aircraft; prior precision for
-    # s = 1, (m, m)
-    start: Mapping[int, int] = field(default_factory=dict)
+    # of a dated candidate: stretches of days from and before which each affected aircraft has the
+    # change; prior precision for s = 1, (m, m)
+    period: Mapping[int, tuple[int, int]] = field(default_factory=dict)
     shape: Floats | None = None
 
 
@@ -259,10 +259,46 @@ def share_of_aircraft(gain: Floats) -> tuple[float, Floats]:
 
 
 # ------------------------------------------------------------------------------------------- dates
+@dataclass(frozen=True)
+class _Periods:
+    """Periods of a change, from a stretch of days until before another or the end, (P,) each.
+
+    Half of the prior is that of changes that last until the end. The lengths of the others are in
+    steps of the root of two, so that one of any length shares 84 % and more of its days.
+    """
+
+    start: Integers
+    stop: Integers
+    log_prior: Floats
+
+    @classmethod
+    def of_archive(cls, stretches: int) -> _Periods:
+        """Periods in an archive of so many stretches."""
+        until_end = np.arange(stretches)
+        grid = SIDES * np.sqrt(2.0) ** np.arange(2 * np.log2(stretches))
+        lengths = [int(n) for n in np.unique(grid.round()) if n < stretches]
+        start = np.concatenate([until_end, *(np.arange(stretches - n) for n in lengths)])
+        of_those = (np.arange(n, stretches) for n in lengths)
+        stop = np.concatenate([np.full(stretches, stretches), *of_those])
+        number = np.where(stop == stretches, stretches, start.size - stretches)
+        return cls(start, stop, -np.log(2.0 * number))
+
+    def sums(self, by_stretch: Floats) -> Floats:
+        """Sums (A, P, ...) of values (A, T, ...) over each period."""
+        total = np.insert(np.cumsum(by_stretch, axis=1), 0, 0.0, axis=1)
+        return np.asarray(total[:, self.stop] - total[:, self.start])
+
+    def as_flown(self, number: int, flown: Booleans) -> tuple[int, int]:
+        """Start and stop of a period by the stretches (k, T) in which some aircraft fly."""
+        start, stop = int(self.start[number]), int(self.stop[number])
+        days = start + np.flatnonzero(flown[:, start:stop].any(axis=0))
+        return int(days[0]), stop if stop == flown.shape[1] else int(days[-1]) + 1
+
+
 def dated_evidence(
     model: Model, group: Group, kappa: float, least: float
 ) -> tuple[ScopeEvidence, ScopeEvidence]:
-    """Evidence of a change at a date, of each aircraft or one for all, for two noise factors.
+    """Evidence of a change in a period, of each aircraft or one for all, for two noise factors.
 
     The second factor is that of the candidate itself given the change, worked out only where the
     evidence by the first, ``kappa``, is ``least`` or more.
@@ -270,34 +306,36 @@ def dated_evidence(
     sums = model.sums
     by_day, _ = sums.information(group)
     day_score = model.day_score[:, :, group.columns] @ group.transform
-    information = _reverse_cumsum(by_day)
+    periods = _Periods.of_archive(sums.T)
+    information = periods.sums(by_day)
     shape = _unit_trace_shape(information)
-    # of the whole archive and of the days from each date on
+    # of the whole archive and of each period
     cross = information.copy()
     for a in range(sums.A):
-        explained = _explained_from_dates(model, group, a)
-        cross[a] -= explained[0].T @ explained
+        by_stretch = _explained_by_stretch(model, group, a)
+        explained = periods.sums(by_stretch[None])[0]
+        cross[a] -= by_stretch.sum(axis=0).T @ explained
         information[a] -= np.swapaxes(explained, 1, 2) @ explained
-    score = _reverse_cumsum(day_score)
-    flown = sums.flown
-    before = np.cumsum(flown, axis=1) - flown
-    remaining = _reverse_cumsum(flown)
-    able = flown & (before >= SIDES) & (remaining >= SIDES)
+    flown = np.insert(np.cumsum(sums.flown, axis=1), 0, 0, axis=1)
+    before, until = flown[:, periods.start], flown[:, periods.stop]
+    able: Booleans = (before >= SIDES) & (until - before >= SIDES)
+    able &= (periods.stop == sums.T) | (flown[:, -1:] - until >= SIDES)
     if not able.any():
         nothing = ScopeEvidence(-np.inf, float(SCALES[0]), (), np.zeros(sums.A))
         return nothing, nothing
     statistics = model.statistics(group)
-    changes = (statistics, score, information, cross, shape, able)
-    ranked = _change_evidence(*changes, kappa)
+    changes = (statistics, periods.sums(day_score), information, cross, shape, able)
+    ranked = _change_evidence(*changes, periods, sums.flown, kappa)
     if ranked.evidence < least:
         return ranked, ranked
-    factors = _factor_with_changes(ranked.start, day_score, by_day, statistics)
-    factor = max(kappa, float(np.nanmean(factors)))
-    return ranked, _change_evidence(*changes, factor)
+    factors = _factor_with_changes(ranked.period, day_score, by_day, statistics)
+    affected = factors[list(ranked.period)] if ranked.period else factors
+    factor = max(kappa, float(np.nanmean(factors)), float(np.nanmean(affected)))
+    return ranked, _change_evidence(*changes, periods, sums.flown, factor)
 
 
-def _explained_from_dates(model: Model, group: Group, aircraft: int) -> Floats:
-    """W of the terms' module for columns in force from each stretch of days on, (T, w, m)."""
+def _explained_by_stretch(model: Model, group: Group, aircraft: int) -> Floats:
+    """W of the terms' module for columns in force in each stretch of days, (T, w, m)."""
     sums, active = model.sums, model.by_aircraft[aircraft]
     span = sums.rows_of(aircraft)
     cuts = sums.cuts[aircraft * sums.D + np.r_[sums.first_day, sums.D]] - span.start
@@ -307,22 +345,18 @@ def _explained_from_dates(model: Model, group: Group, aircraft: int) -> Floats:
     )
     shared = sums.shared[aircraft][..., group.columns] @ group.transform
     cross -= sums.by_stretch(np.swapaxes(model.term_shared[..., active.at], 1, 2) @ shared, 0)
-    return np.asarray(active.root @ _reverse_cumsum(cross[None])[0])
-
-
-def _reverse_cumsum(x: Floats) -> Floats:
-    """Sums over each stretch of days and all after it, (A, T, ...)."""
-    return np.cumsum(x[:, ::-1], axis=1)[:, ::-1]
+    return np.asarray(active.root @ cross)
 
 
 def _factor_with_changes(
-    start: Mapping[int, int], score: Floats, by_day: Floats, stats: Statistics
+    period: Mapping[int, tuple[int, int]], score: Floats, by_day: Floats, stats: Statistics
 ) -> Floats:
     """Noise factor of each aircraft, whose changes are no scatter of its days."""
     days, m = np.arange(score.shape[1]), score.shape[2]
     residual = np.empty_like(score)
     for a, (scores, information) in enumerate(zip(score, by_day, strict=True)):
-        late = (days >= start.get(a, days.size))[:, None]
+        start, stop = period.get(a, (days.size, days.size))
+        late = ((days >= start) & (days < stop))[:, None]
         joint_score = np.concatenate([scores, scores * late], axis=1).sum(axis=0)
         total, later = information.sum(axis=0), (information * late[..., None]).sum(axis=0)
         joint = np.block([[total, later], [later, later]]) + np.eye(2 * m) / WIDE**2
@@ -341,14 +375,6 @@ def _unit_trace_shape(information: Floats) -> Floats:
     return np.where(trace > 0, m * information / np.maximum(trace, 1e-12), eye) + SLIGHT * eye
 
 
-def next_day(able: Booleans) -> Integers:
-    """First day, from each day on, on which each aircraft can change, (A, D); -1 for none."""
-    days = able.shape[1]
-    day = np.where(able, np.arange(days), days)
-    out = np.minimum.accumulate(day[:, ::-1], axis=1)[:, ::-1]
-    return np.where(out < days, out, -1)
-
-
 def _change_evidence(
     stats: Statistics,
     score: Floats,
@@ -356,14 +382,16 @@ def _change_evidence(
     cross: Floats,
     shape: Floats,
     able: Booleans,
+    periods: _Periods,
+    flown: Booleans,
     kappa: float,
 ) -> ScopeEvidence:
-    """Evidence of changes with scores (A, T, m) and information (A, T, m, m) of later days.
+    """Evidence of changes with scores (A, P, m) and information (A, P, m, m) of each period.
 
-    ``cross`` (A, T, m, m) is the information shared by the whole archive and later days: it differs
-    from that of later days where terms in the model act on all.
+    ``cross`` (A, P, m, m) is the information shared by the whole archive and a period: it differs
+    from that of the period where terms in the model act on all.
     """
-    aircraft, days = able.shape
+    aircraft = able.shape[0]
     m = score.shape[-1]
     variance, given_back = common_variance(stats)
     returned = given_back @ stats.score.sum(axis=0)
@@ -385,9 +413,10 @@ def _change_evidence(
     null = with_small(total, total_score)
     sums = [x.sum(axis=0) for x in null]
     nothing = float(common.total(*sums))
-    prior, following = number_prior(aircraft), next_day(able)
-    dates = np.maximum(able.sum(axis=1), 1)
-    anywhere: Booleans = np.asarray(able.sum(axis=1) > 0)
+    prior, anywhere = number_prior(aircraft), np.asarray(able.any(axis=1))
+    # an aircraft changes on a day that it flies
+    distinct = np.where(able & flown[:, periods.start], periods.log_prior, -np.inf)
+    distinct[anywhere] -= log_sum(distinct[anywhere], axis=1, keepdims=True)
     rows = np.arange(aircraft)
     separate, shared, by_scale = [], [], []
     for s in SCALES:
@@ -399,42 +428,44 @@ def _change_evidence(
         change -= 0.5 * (np.linalg.slogdet(s**2 * slab)[1] - np.linalg.slogdet(shape)[1])
         level, linear, rest = with_small(rest, linear)
         level = level + change
-        # (T, A): each aircraft changes on its next flying day
-        picked = (level[rows, following.T], linear[rows, following.T], rest[rows, following.T])
-        nested, gains = _best_sets(common, null, picked, add=np.zeros(1), able=following.T >= 0)
-        by_date = log_sum(nested + prior, axis=1)
-        by_date[~able.any(axis=0)] = -np.inf
-        shared.append(float(log_sum(by_date)) - np.log(days) - nothing)
-        # separate dates: each aircraft's best, with the evidence that the other dates add
+        picked = (level.T, linear.swapaxes(0, 1), rest.swapaxes(0, 1))
+        nested, gains = _best_sets(common, null, picked, add=np.zeros(1), able=able.T)
+        by_period = log_sum(nested + prior, axis=1) + periods.log_prior
+        by_period[~able.any(axis=0)] = -np.inf
+        shared.append(float(log_sum(by_period)) - nothing)
+        # separate periods: each aircraft's best, with the evidence that the others add
         phi = common.mean(sums[1], sums[2])
         for _ in range(3):
             density = _log_density(level, linear, rest, phi) - _log_density(*null, phi)[:, None]
-            density = np.where(able, density, -np.inf)
+            density = density + distinct
             best = density.argmax(axis=1)
-            by_aircraft = np.full(aircraft, -np.inf)
-            by_aircraft[anywhere] = log_sum(density[anywhere], axis=1) - np.log(dates[anywhere])
+            by_aircraft = log_sum(density, axis=1)
             picked = (level[rows, best], linear[rows, best], rest[rows, best])
             _, phi_score, phi_information = _sum_of_cases(by_aircraft > 0, picked, null)
             phi = common.mean(phi_score, phi_information)
         several = np.zeros(aircraft)
-        several[anywhere] = by_aircraft[anywhere] - density[anywhere].max(axis=1)
+        at = rows[anywhere], best[anywhere]
+        several[anywhere] = by_aircraft[anywhere] - (density[at] - distinct[at])
         nested, gain = _best_sets(common, null, picked, add=several, able=anywhere)
         separate.append(float(log_sum(nested + prior)) - nothing)
-        by_scale.append((by_date, gains, best, gain))
+        by_scale.append((by_period, gains, best, gain))
     evidence = float(np.logaddexp(log_sum(separate), log_sum(shared))) - np.log(2 * SCALES.size)
-    if max(shared) >= max(separate):
+    together = max(shared) >= max(separate)
+    if together:
         k = int(np.argmax(shared))
-        by_date, gains, _, _ = by_scale[k]
-        day = int(by_date.argmax())
-        gain, start = gains[day], np.maximum(following[:, day], 0)
+        by_period, gains, _, _ = by_scale[k]
+        one = int(by_period.argmax())
+        gain, best = gains[one], np.full(aircraft, one)
     else:
         k = int(np.argmax(separate))
-        _, _, start, gain = by_scale[k]
+        _, _, best, gain = by_scale[k]
     inclusion = 1 / (1 + np.exp(-np.clip(gain, -30, 30)))
     tails = tuple(int(a) for a in np.flatnonzero(inclusion > INCLUDED))
-    begins = {a: int(start[a]) for a in tails}
-    mean = shape[list(tails), start[list(tails)]].mean(axis=0) if tails else eye
-    return ScopeEvidence(evidence, float(SCALES[k]), tails, inclusion, start=begins, shape=mean)
+    period = {
+        a: periods.as_flown(int(best[a]), flown[list(tails) if together else [a]]) for a in tails
+    }
+    mean = shape[list(tails), best[list(tails)]].mean(axis=0) if tails else eye
+    return ScopeEvidence(evidence, float(SCALES[k]), tails, inclusion, period=period, shape=mean)
 
 
 # --------------------------------------------------------------------------------------- exchanges
@@ -465,9 +496,9 @@ def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | No
     information = by_day / kappa
     score = model.day_score[:, :, group.columns] @ t / kappa
 
-    late_information, late_score = _reverse_cumsum(information), _reverse_cumsum(score)
-    early_information = information.sum(axis=1)[:, None] - late_information
-    early_score = score.sum(axis=1)[:, None] - late_score
+    early_information, early_score = (np.cumsum(x, axis=1) - x for x in (information, score))
+    late_information = information.sum(axis=1)[:, None] - early_information
+    late_score = score.sum(axis=1)[:, None] - early_score
     eye = np.eye(group.size)
 
     def evidence(information: Floats, score: Floats) -> Floats:

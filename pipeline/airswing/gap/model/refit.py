@@ -89,9 +89,11 @@ def of_reports(model: Model, k: int, theta: Floats) -> Floats:
     by_aircraft = coefficients @ term.group.transform.T
     fold = fold_of_day(sums.D)[sums.day] if block.shape[0] > 1 else np.zeros(sums.n, np.int64)
     of_report = by_aircraft[fold, sums.aircraft]
-    if term.start:
-        first = np.array([term.start.get(a, sums.D) for a in range(sums.A)])
-        of_report[sums.day < first[sums.aircraft]] = 0.0
+    if term.period:
+        nothing = (sums.D, sums.D)
+        first, stop = np.array([term.period.get(a, nothing) for a in range(sums.A)]).T
+        late = (sums.day >= first[sums.aircraft]) & (sums.day < stop[sums.aircraft])
+        of_report[~late] = 0.0
     return np.asarray(of_report)
 
 

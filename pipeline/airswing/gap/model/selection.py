@@ -43,6 +43,8 @@ LEVERS = {
     "along_wind": "wind_factor",
 }
 FINER = (2, 4)
+#: Most refinements of one table: two make 16 times the usual number of knots.
+REFINEMENTS = 2
 #: Log evidence from which a table is refined.
 REFINED_FROM = 30.0
 
@@ -60,8 +62,9 @@ def screen(model: Model, groups: Sequence[Group] | None = None) -> list[Term]:
         if group.dated:
             ranked, gated = dated_evidence(model, group, model.kappa, GATE - group.prior)
             scores = ranked.evidence + group.prior, gated.evidence + group.prior
-            start = {a: int(model.sums.first_day[k]) for a, k in gated.start.items()}
-            fields = gated.scale, start, *scores, gated.inclusion
+            days = [*model.sums.first_day.tolist(), model.sums.D]
+            period = {a: (days[start], days[stop]) for a, (start, stop) in gated.period.items()}
+            fields = gated.scale, period, *scores, gated.inclusion
             if gated.tails:
                 out.append(Term(group, "a", gated.tails, *fields, shape=gated.shape))
             continue
@@ -123,7 +126,7 @@ def _static_terms(model: Model, group: Group, stats: Statistics, factor: float) 
             return []
         scopes = scopes.replace("f", "")
     # two terms of one name, or of one variable and component, on one aircraft would cancel
-    same = [t for t in model.terms if _function(t.group) == _function(group) and not t.start]
+    same = [t for t in model.terms if _function(t.group) == _function(group) and not t.period]
     having = [a for term in same for a in term.tails if term.scope == "a"]
     if len(having) == model.sums.A:
         scopes = scopes.replace("a", "")
@@ -298,8 +301,8 @@ def _prune_aircraft(model: Model, terms: Sequence[Term], term: Term) -> Term:
     nothing = model.evidence(terms, model.kappa)
 
     def with_tails(tails: Sequence[int]) -> Term:
-        start = {a: term.start[a] for a in tails if a in term.start}
-        subset = replace(term, tails=tuple(tails), start=start)
+        period = {a: term.period[a] for a in tails if a in term.period}
+        subset = replace(term, tails=tuple(tails), period=period)
         index = np.r_[:offset, columns[np.isin(term.tails, tails)].ravel()]
         precision = model.precision([*terms, subset])
         evidence = log_evidence(gram[np.ix_(index, index)], score[index], precision, model.kappa)
@@ -317,15 +320,23 @@ def _prune_aircraft(model: Model, terms: Sequence[Term], term: Term) -> Term:
 
 
 def _refine_dates(model: Model, terms: Sequence[Term], term: Term) -> Term:
-    """A term that begins with stretches of days, beginning on the days of largest evidence."""
-    length = int(np.diff(model.sums.first_day).max(initial=1))
-    for begin in sorted(set(term.start.values())) if length > 1 else ():
-        options = [term]
-        for day in range(max(1, begin - length + 1), min(begin + length, model.sums.D)):
-            start = {a: day if first == begin else first for a, first in term.start.items()}
-            options.append(_rescored(model, terms, replace(term, start=start)))
-        term = max(options, key=lambda t: t.score)
-        model.release([*model.terms, *terms, term])
+    """A term that begins and ends with stretches of days, with the days of largest evidence."""
+    days, length = model.sums.D, int(np.diff(model.sums.first_day).max(initial=1))
+    for screened in sorted(set(term.period.values())):
+        tails = [a for a, period in term.period.items() if period == screened]
+        start, stop = screened
+        # lengths are screened in steps of the root of two
+        within = length - 1 if stop == days else max(length - 1, (stop - start) // 2)
+        for side in (0, 1) if stop < days else (0,):
+            options = [term]
+            for shift in range(-within, within + 1):
+                new = list(term.period[tails[0]])
+                new[side] += shift
+                if shift and 0 < new[0] < new[1] <= days:
+                    period = {**term.period, **dict.fromkeys(tails, (new[0], new[1]))}
+                    options.append(_rescored(model, terms, replace(term, period=period)))
+            term = max(options, key=lambda t: t.score)
+            model.release([*model.terms, *terms, term])
     return term
 
 
@@ -426,11 +437,22 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
         (candidates.curve(name, times * KNOTS[name]),) for name in names for times in (1, *FINER)
     ]
     options = [Table(c, lever) for c in finer for lever in (component, LEVERS[component])][1:]
-    best = _best_table(model, terms, term, options, float(np.log(1 + len(options))))
-    if best is not term:
+    for _ in range(REFINEMENTS):
+        best = _best_table(model, terms, term, options, float(np.log(1 + len(options))))
+        if best is term:
+            break
         LOG.debug("~ %s -> %s, score %.1f", term.key, best.key, best.score)
         terms = [best if t is term else t for t in terms]
         model.condition(terms)
+        term, table = best, candidates.table_of(best.group)
+        curve, *second = table.curves
+        name, size = curve.variable, curve.knots.size
+        if second or name not in names or size <= FINER[0] * KNOTS[name]:
+            break
+        # the finest of all is the best, and no other table could represent what it leaves
+        options = [
+            replace(table, curves=(candidates.curve(name, times * size),)) for times in FINER
+        ]
     return terms
 
 

@@ -46,8 +46,8 @@ class Term:
     scope: str  # ``a`` or ``f``
     tails: tuple[int, ...]  # aircraft, by number
     scale: float  # prior standard deviation s, m/s where it acts
-    # aircraft -> index of the first day it is in force; empty for the whole archive
-    start: Mapping[int, int] = field(default_factory=dict)
+    # aircraft -> days (indices) from and before which it is in force; empty for the whole archive
+    period: Mapping[int, tuple[int, int]] = field(default_factory=dict)
     score: float = 0.0  # log evidence with the log prior: of the exact contest after one
     gate: float = 0.0  # the same by the candidate's noise factor
     inclusion: Floats | None = None  # (A,): posterior probability of each aircraft
@@ -64,7 +64,7 @@ class Term:
         """Identification of its columns."""
         group, columns = self.group, self.group.columns
         identity = (group.name, columns.start, columns.stop, group.form, group.dated)
-        return *identity, self.scope, self.tails, tuple(sorted(self.start.items()))
+        return *identity, self.scope, self.tails, tuple(sorted(self.period.items()))
 
     @property
     def label(self) -> tuple[str, str, tuple[int, ...]]:
@@ -75,7 +75,7 @@ class Term:
     def freedom(self) -> int:
         """Number of its coefficients and dates."""
         number = 1 if self.scope == "f" else len(self.tails)
-        return number * self.group.size + len(set(self.start.values()))
+        return number * self.group.size + len(set(self.period.values()))
 
     @property
     def precision(self) -> Floats:
@@ -94,7 +94,10 @@ def set_prior(model: Model, term: Term) -> float:
     out = 0.0
     if term.scope == "a":
         out += float(number_prior(model.sums.A)[len(term.tails)])
-    return out - float(np.log(model.sums.D)) * len(set(term.start.values()))
+    days = model.sums.D
+    for _, stop in set(term.period.values()):
+        out -= float(np.log(2 * days)) + (float(np.log(days)) if stop < days else 0.0)
+    return out
 
 
 def number_prior(aircraft: int) -> Floats:
@@ -121,8 +124,9 @@ class Columns:
             span = sums.rows_of(a)
             rows = sums.rows[span, term.group.columns] if raw is None else raw[span]
             values = rows @ transform
-            first = term.start.get(a, 0)
-            values[sums.day_of_row[span] < first] = 0.0
+            first, stop = term.period.get(a, (0, sums.D))
+            day = sums.day_of_row[span]
+            values[(day < first) | (day >= stop)] = 0.0
             at = np.arange(m) if term.scope == "f" else np.arange(j * m, (j + 1) * m)
             self.rows[a] = (at, values)
             if raw is None:
@@ -130,7 +134,7 @@ class Columns:
             else:
                 cells = sums.shared_of(a, raw)
             shared = np.einsum("dqk,km->dqm", cells, transform)
-            shared[:first] = 0.0
+            shared[:first] = shared[stop:] = 0.0
             self.shared[:, :, at] += shared
         self.score = np.zeros(self.width)
         for a, (at, values) in self.rows.items():

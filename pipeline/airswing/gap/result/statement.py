@@ -12,7 +12,6 @@ from datetime import UTC, datetime
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import multivariate_normal as normal
 
 from airswing.gap.archive.reported_variables import CATEGORIES, KINDS, UNITS
 from airswing.gap.arrays import Floats
@@ -56,7 +55,6 @@ class Claim:
     score: float
     gate: float
     weight: float = 1.0  # posterior probability among the candidates of the contest
-    ends: tuple[int, ...] = ()  # terms of a later date that end it
 
 
 def claims_of(terms: Sequence[Term]) -> list[Claim]:
@@ -65,7 +63,7 @@ def claims_of(terms: Sequence[Term]) -> list[Claim]:
     for k, term in enumerate(terms):
         group = term.group
         form = group.form if group.named else group.columns.start
-        key = (group.name, form, tuple(sorted(term.start.items())))
+        key = (group.name, form, tuple(sorted(term.period.items())))
         merged.setdefault(key, []).append(k)
     out = [
         Claim(
@@ -78,50 +76,7 @@ def claims_of(terms: Sequence[Term]) -> list[Claim]:
         )
         for members in merged.values()
     ]
-    return sorted(out, key=_rank)
-
-
-def _rank(claim: Claim) -> tuple[bool, float]:
-    return not claim.named, -claim.score
-
-
-def with_ends(fitted: Fitted, claims: Sequence[Claim]) -> list[Claim]:
-    """Join changes with later ones that reverse them, as effects that last for a period."""
-    terms = fitted.model.terms
-    rest = sorted(claims, key=lambda claim: max(terms[claim.terms[0]].start.values(), default=0))
-    out = []
-    while rest:
-        claim = rest.pop(0)
-        ends = next((later for later in rest if _reverses(fitted, claim, later)), None)
-        if ends is not None:
-            rest.remove(ends)
-            claim = replace(claim, ends=ends.terms)
-        out.append(claim)
-    return sorted(out, key=_rank)
-
-
-def _reverses(fitted: Fitted, claim: Claim, later: Claim) -> bool:
-    """Whether a change by the opposite of an earlier one is likelier than by any other.
-
-    The ratio is that of the posterior density of their sum at zero to the prior density (Dickey
-    1971, Ann. Math. Stat. 42, 204-223).
-    """
-    first, second = (fitted.model.terms[c.terms[0]] for c in (claim, later))
-    same = (first.group.name, first.group.form) == (second.group.name, second.group.form)
-    tails, change, _ = coefficients(fitted, claim)
-    if not (same and first.start and second.start and tails == coefficients(fitted, later)[0]):
-        return False
-    both = replace(claim, terms=claim.terms + later.terms)
-    _, total, covariance = coefficients(fitted, both)
-    root = second.group.transform
-    shape = np.eye(root.shape[1]) if second.shape is None else second.shape
-    prior = second.scale**2 * root @ np.linalg.inv(shape) @ root.T
-    odds = [
-        normal.logpdf(-x, cov=error, allow_singular=True)
-        - normal.logpdf(y, cov=prior, allow_singular=True)
-        for x, y, error in zip(total, change, covariance, strict=True)
-    ]
-    return float(sum(odds[:1] if second.scope == "f" else odds)) > 0.0
+    return sorted(out, key=lambda claim: (not claim.named, -claim.score))
 
 
 def probability(gate: float) -> float:
@@ -269,22 +224,27 @@ def _rivals(terms: Sequence[Term], kappa: float) -> list[RivalEntry]:
 
 def _start(fitted: Fitted, term: Term, aircraft: int | None = None) -> float | None:
     """First second a dated term is in force, on one of its aircraft or on any."""
-    if not term.start:
+    if not term.period:
         return None
     sums = fitted.model.sums
-    first = min(term.start.values()) if aircraft is None else term.start[aircraft]
+    first = min(term.period.values())[0] if aircraft is None else term.period[aircraft][0]
     return float(sums.days[first]) * DAY + sums.ends
 
 
 def _period(fitted: Fitted, claim: Claim, aircraft: int | None = None) -> list[str | None] | None:
-    ends = [_start(fitted, fitted.model.terms[k], aircraft) for k in (claim.terms[0], *claim.ends)]
-    if ends[0] is None:
+    """First and last day in force, on one of a claim's aircraft or on any; None until the end."""
+    sums, term = fitted.model.sums, fitted.model.terms[claim.terms[0]]
+    if not term.period:
         return None
-    # of the days after the start, and before the end, that which holds most of it
-    first = ends[0] + DAY / 2
-    days = [first, *(end - DAY / 2 for end in ends[1:2] if end is not None)]
-    stated = [datetime.fromtimestamp(day, UTC).strftime("%Y-%m-%d") for day in days]
-    return [stated[0], stated[1] if len(stated) > 1 else None]
+    periods = [*term.period.values()] if aircraft is None else [term.period[aircraft]]
+
+    def stated(day: int) -> str:
+        # of the two calendar days that a day of the archive lies in, that which holds most of it
+        middle = float(sums.days[day]) * DAY + sums.ends + DAY / 2
+        return datetime.fromtimestamp(middle, UTC).strftime("%Y-%m-%d")
+
+    last = max(stop for _, stop in periods)
+    return [stated(min(start for start, _ in periods)), stated(last - 1) if last < sums.D else None]
 
 
 def summary(values: Sequence[Stated]) -> Stated:
