@@ -43,8 +43,9 @@ LEVERS = {
     "along_wind": "wind_factor",
 }
 FINER = (2, 4)
-#: Most refinements of one table: two make 16 times the usual number of knots.
-REFINEMENTS = 2
+#: Most refinements of a table (two make 16 times the usual number of knots), and most coefficients
+#: of one that is refined again: a fit to a thousand takes a second.
+REFINEMENTS, MAX_COEFFICIENTS = 2, 1000
 #: Log evidence from which a table is refined.
 REFINED_FROM = 30.0
 
@@ -295,19 +296,16 @@ def _prune_aircraft(model: Model, terms: Sequence[Term], term: Term) -> Term:
     """
     if term.scope != "a":
         return term
-    gram, score, _ = model.system([*terms, term])
-    offset = score.size - term.group.size * len(term.tails)
-    columns = np.arange(offset, score.size).reshape(len(term.tails), -1)
-    nothing = model.evidence(terms, model.kappa)
+    gram, score = model.given(terms, term)
+    columns = np.arange(score.size).reshape(len(term.tails), -1)
 
     def with_tails(tails: Sequence[int]) -> Term:
         period = {a: term.period[a] for a in tails if a in term.period}
         subset = replace(term, tails=tuple(tails), period=period)
-        index = np.r_[:offset, columns[np.isin(term.tails, tails)].ravel()]
-        precision = model.precision([*terms, subset])
-        evidence = log_evidence(gram[np.ix_(index, index)], score[index], precision, model.kappa)
-        score_without = evidence - nothing + term.group.prior + set_prior(model, subset)
-        return replace(subset, score=score_without)
+        index = columns[np.isin(term.tails, tails)].ravel()
+        part = gram[np.ix_(index, index)], score[index], subset.precision
+        evidence = log_evidence(*part, 1.0) + term.group.prior + set_prior(model, subset)
+        return replace(subset, score=evidence)
 
     best = term
     while len(best.tails) > 1:
@@ -450,8 +448,11 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
         if second or name not in names or size <= FINER[0] * KNOTS[name]:
             break
         # the finest of all is the best, and no other table could represent what it leaves
+        number = size if term.scope == "f" else size * len(term.tails)
         options = [
-            replace(table, curves=(candidates.curve(name, times * size),)) for times in FINER
+            replace(table, curves=(candidates.curve(name, times * size),))
+            for times in FINER
+            if times * number <= MAX_COEFFICIENTS
         ]
     return terms
 

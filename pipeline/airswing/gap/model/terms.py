@@ -221,9 +221,9 @@ class Statistics:
 def log_evidence(gram: Floats, score: Floats, precision: Floats, kappa: float) -> float:
     """Log marginal likelihood of the module with noise factor kappa, up to a constant."""
     root = np.linalg.cholesky(gram / kappa + precision)
-    solved = np.linalg.solve(root, score / kappa)
-    prior = 0.5 * float(np.linalg.slogdet(precision)[1])
-    return float(0.5 * solved @ solved - np.log(np.diag(root)).sum() + prior)
+    solved = solve_triangular(root, score / kappa, lower=True)
+    determinants = np.diag(np.linalg.cholesky(precision)) / np.diag(root)
+    return float(0.5 * solved @ solved + np.log(determinants).sum())
 
 
 class Model:
@@ -287,6 +287,10 @@ class Model:
 
         By the Schur complement of the terms in H.
         """
+        return log_evidence(*self.given(terms, term), term.precision, 1.0)
+
+    def given(self, terms: Sequence[Term], term: Term) -> tuple[Floats, Floats]:
+        """X' V^-1 X and X' V^-1 r of a term, over kappa, given others."""
         key = (*terms, self.kappa)
         if key != self._factored[0]:
             gram, score, precision = self.system(terms)
@@ -298,7 +302,7 @@ class Model:
         explained = solve_triangular(root, cross, lower=True)
         gram = self._product(term, term) / self.kappa - explained.T @ explained
         score = self.columns(term).score / self.kappa - explained.T @ solved
-        return log_evidence(gram, score, term.precision, 1.0)
+        return np.asarray(gram, np.float64), np.asarray(score, np.float64)
 
     def condition(self, terms: Sequence[Term]) -> None:
         """Fit terms, and take the candidates' statistics given them.
