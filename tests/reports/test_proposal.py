@@ -69,6 +69,11 @@ def test_a_date_and_an_hour_make_the_time(tmp_path):
     reports = read_reports(tmp_path / "a.csv", columns=proposed["columns"])
     expected = times.to_numpy().astype("M8[ns]")
     assert reports["time"].to_numpy().tolist() == expected.tolist()
+    assert "format" not in proposed["yaml"]
+    table["obs_date"] = times.strftime("%d.%m.%Y")
+    table.to_csv(tmp_path / "b.csv", index=False)
+    proposed = propose_mapping(tmp_path / "b.csv")
+    assert proposed is not None and "no ISO 8601 date: add a format" in proposed["yaml"]
 
 
 @pytest.mark.parametrize("make", [european, levels])

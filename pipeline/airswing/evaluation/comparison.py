@@ -469,7 +469,7 @@ def _verdict(fleet: Content, regions: list[Content], barred: set[str]) -> Conten
     return {
         "poolable": True,
         "why": f"{curves}, {beyond} (p = {p_value:.2g}, tested at {SIGNIFICANCE:g}); no region's "
-        f"wind differs by more than {REGION_BIAS:g} m/s beyond error",
+        f"mean wind differs by more than {REGION_BIAS:g} m/s beyond error",
     }
 
 

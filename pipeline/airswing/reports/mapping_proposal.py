@@ -21,6 +21,7 @@ from airswing.reports.columns import (
     TEXT,
     Column,
     Quantity,
+    Source,
     compatible,
     gives_wind,
     numbers,
@@ -28,7 +29,7 @@ from airswing.reports.columns import (
     possible,
     split_name,
 )
-from airswing.reports.formats.tabular import first_rows
+from airswing.reports.formats.tabular import column_of, first_rows
 
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 _ENDING = re.compile(r"_(ft|m|km|kts?|kn|knots|mps|m_s|ms|kmh|hPa|Pa|mb|degC|C|K|deg|rad)$", re.I)
@@ -117,6 +118,9 @@ def _time(table: pd.DataFrame, stems: dict[str, str], remarks: dict[str, str]) -
     if dates and clocks and (best is None or valid_share[best] == 0.0):
         clock = next((column for column in clocks if _has_clock(table[column])), clocks[0])
         stems["time"] = "time"
+        joined = column_of(table, Source(dates[0], parts=(clock,)))
+        if not possible(parse_times(joined)[0]).any():
+            remarks["time"] = 'no ISO 8601 date: add a format, such as format: "%d.%m.%Y %H:%M:%S"'
         return {"time": {"date": dates[0], "time": clock}}
     column = best or next(iter(dates), None)
     if column is None:

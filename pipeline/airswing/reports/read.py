@@ -156,7 +156,8 @@ def read_each(
         remedy = (
             "Times from 1973 to now are ISO 8601 UTC, yyyymmddHH[MM[SS]], seconds since 1970 or "
             "Julian dates; give another format under reports.columns: "
-            'COLUMN: {name: time, format: "%d.%m.%Y %H:%M"}'
+            'COLUMN: {name: time, format: "%d.%m.%Y %H:%M"}, or for a date and a time of day '
+            'time: {date: COLUMN, time: COLUMN, format: "%d.%m.%Y %H:%M"}'
         )
     elif set(audit.dropped) == {"not_wanted"}:
         remedy = "No report has the values that the key `only` asks for"

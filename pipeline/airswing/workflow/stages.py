@@ -311,8 +311,8 @@ def make_virtual(
             except InputError as err:
                 result[name] = {"why": str(err)}
         gains = (
-            f"{name.replace('_', ' ')} {outcome['predicted_gain_kt']:.2f} kt predicted, "
-            f"{outcome['realised_gain_kt']:.2f} realised"
+            f"{name.replace('_', ' ')} days: reduction by {outcome['realised_gain_kt']:.2f} kt, "
+            f"predicted {outcome['predicted_gain_kt']:.2f}"
             for name, outcome in result.items()
             if outcome.get("realised_gain_kt") is not None
         )

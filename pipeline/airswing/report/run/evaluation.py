@@ -230,7 +230,7 @@ def ranking_section(
         figure.legend(*handles, loc="outside upper right", ncols=2)
         figure.say(
             "Reduction predicted and realised on reports not used in the fit, with 95 % intervals. "
-            "Red names, above: the two differ by more than their interval "
+            "Names in orange: the two differ by more than their errors "
             f"(n = {plural(points, 'row')})."
         )
         inner = show("virtual_field_test", figure)
@@ -284,7 +284,8 @@ def pair_differences_figure(pairs: Sequence[Content]) -> Figure:
     reports = max(int(pair.get("reports", 0)) for pair in shown)
     aircraft = max(int(pair["fleet"].get("aircraft", 0)) for pair in shown)
     return figure.say(
-        "Common difference of the coefficients between two references, with 95 % intervals (n = "
+        "Difference of each coefficient between two references, mean of the fleet, with 95 % "
+        f"intervals (n = "
         f"{plural(reports, 'report')}, {aircraft} aircraft)."
     )
 
@@ -340,7 +341,7 @@ def _pair_table(pairs: Sequence[Content], caption: str) -> Markup:
             "why": _why(pair),
             "difference of the curves (degree rms)": pair["fleet"].get("curve_rms_deg"),
             "p value": "-" if p_value is None or np.isnan(p_value) else f"{p_value:.2g}",
-            "difference of the winds (kt)": speed / KNOT,
+            "mean vector difference of the winds (kt)": speed / KNOT,
             "reports": int(pair.get("reports", 0)),
         }
         rows.append(({"slice": pair["slice"]} if pair.get("slice") else {}) | row)
@@ -414,15 +415,16 @@ def _report_errors_figure(errors: xr.Dataset) -> Figure:
             look = Look(color=colour, marker=marker, linestyle="-", linewidth=1.4)
             y = level[shown] + 8.0 * (index - 0.5)
             html.intervals(axes, value[shown], ends, y, label=f"as {state}", **look)
-        axes.set(title=phase, xlabel="error of a component (kt)")
+        axes.set(title=phase, xlabel="standard error of a wind component (kt)")
     panels[0].set(xlim=(0.0, None), ylim=(1000, 200), ylabel="pressure (hPa)")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     number = int(errors["observation_count"].sel(flight_phase="all").sum())
     missing = " and ".join(phase for phase in cells if phase not in phases)
     few = f" Too few reports near each other in {missing}." if missing else ""
     return figure.say(
-        "Standard error of a wind component, with 95 % intervals; grey: used in assimilation "
-        f"(n = {plural(number, 'report')}, {plural(sum(cells.values()), 'cell')} known).{few}"
+        "Standard error of a wind component, with 95 % intervals; grey: used in assimilation (n = "
+        f"{plural(number, 'report')}, {plural(sum(cells.values()), 'cell')} of phase and level)."
+        f"{few}"
     )
 
 
