@@ -263,8 +263,8 @@ def share_of_aircraft(gain: Floats) -> tuple[float, Floats]:
 class _Periods:
     """Periods of a change, from a stretch of days until before another or the end, (P,) each.
 
-    Half of the prior is that of changes that last until the end. The lengths of the others are in
-    steps of the root of two, so that one of any length shares 84 % and more of its days.
+    Half of the prior is that of changes that last until the end. The others have lengths of two,
+    four, eight ... stretches and begin a quarter of their length apart; they are refined later.
     """
 
     start: Integers
@@ -275,10 +275,10 @@ class _Periods:
     def of_archive(cls, stretches: int) -> _Periods:
         """Periods in an archive of so many stretches."""
         until_end = np.arange(stretches)
-        grid = SIDES * np.sqrt(2.0) ** np.arange(2 * np.log2(stretches))
-        lengths = [int(n) for n in np.unique(grid.round()) if n < stretches]
-        start = np.concatenate([until_end, *(np.arange(stretches - n) for n in lengths)])
-        of_those = (np.arange(n, stretches) for n in lengths)
+        lengths = [SIDES << k for k in range(stretches.bit_length()) if SIDES << k < stretches]
+        begins = [np.arange(0, stretches - n, max(1, n // 4)) for n in lengths]
+        start = np.concatenate([until_end, *begins])
+        of_those = (begin + n for begin, n in zip(begins, lengths, strict=True))
         stop = np.concatenate([np.full(stretches, stretches), *of_those])
         number = np.where(stop == stretches, stretches, start.size - stretches)
         return cls(start, stop, -np.log(2.0 * number))

@@ -323,18 +323,22 @@ def _refine_dates(model: Model, terms: Sequence[Term], term: Term) -> Term:
     for screened in sorted(set(term.period.values())):
         tails = [a for a, period in term.period.items() if period == screened]
         start, stop = screened
-        # lengths are screened in steps of the root of two
+        # lengths are screened in steps of two
         within = length - 1 if stop == days else max(length - 1, (stop - start) // 2)
         for side in (0, 1) if stop < days else (0,):
-            options = [term]
-            for shift in range(-within, within + 1):
-                new = list(term.period[tails[0]])
-                new[side] += shift
-                if shift and 0 < new[0] < new[1] <= days:
-                    period = {**term.period, **dict.fromkeys(tails, (new[0], new[1]))}
-                    options.append(_rescored(model, terms, replace(term, period=period)))
-            term = max(options, key=lambda t: t.score)
-            model.release([*model.terms, *terms, term])
+            step = (within + 1) // 2
+            while step:
+                options = [term]
+                for shift in (-step, step):
+                    new = list(term.period[tails[0]])
+                    new[side] += shift
+                    if 0 < new[0] < new[1] <= days:
+                        period = {**term.period, **dict.fromkeys(tails, (new[0], new[1]))}
+                        options.append(_rescored(model, terms, replace(term, period=period)))
+                best = max(options, key=lambda t: t.score)
+                step = step // 2 if best is term else step
+                term = best
+                model.release([*model.terms, *terms, term])
     return term
 
 
