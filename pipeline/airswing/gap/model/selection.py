@@ -323,7 +323,7 @@ def _refine_dates(model: Model, terms: Sequence[Term], term: Term) -> Term:
     for screened in sorted(set(term.period.values())):
         tails = [a for a, period in term.period.items() if period == screened]
         start, stop = screened
-        # lengths are screened in steps of two
+        # each length that is screened is twice the one before
         within = length - 1 if stop == days else max(length - 1, (stop - start) // 2)
         for side in (0, 1) if stop < days else (0,):
             step = (within + 1) // 2
