@@ -343,8 +343,6 @@ def _explained_by_stretch(model: Model, group: Group, aircraft: int) -> Floats:
     cross = np.stack(
         [active.rows[i:j].T @ values[i:j] for i, j in itertools.pairwise(cuts)], dtype=np.float64
     )
-    shared = sums.shared[aircraft][..., group.columns] @ group.transform
-    cross -= sums.by_stretch(np.swapaxes(model.term_shared[..., active.at], 1, 2) @ shared, 0)
     return np.asarray(active.root @ cross)
 
 

@@ -6,6 +6,8 @@ whitened values are dimensionless. Rows are kept in single precision, 2 (n p) nu
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,8 +17,9 @@ from airswing.gap.model.candidates import Candidates, Group
 from airswing.gap.noise import NoiseFit, whiten
 from airswing.units import DAY
 
-#: Columns for which memory is set aside at a time beyond those of the first call (finer tables).
-SPARE = 400
+#: Columns reserved beyond those of the first call, for pairs and finer tables; memory is used as
+#: they are filled.
+SPARE = 1000
 #: Stretches of days that sums are kept by, at most; dates are found in them and then by day. Memory
 #: of a diagnosis grows with their number, and two months hold as many days.
 STRETCHES = 60
@@ -41,7 +44,7 @@ class Sums:
 
     ``days`` (D,) are those since 1970, shifted by ``ends`` (s), ``span`` their number from the
     first to the last report; ``aircraft`` and ``day`` are of each report, in the frame's order.
-    ``rows`` (2 n, p) are sorted by aircraft and day; ``shared`` (A, D, q, p) is C of the module.
+    ``rows`` (2 n, p) are sorted by aircraft and day; ``shared`` (D, q, p) is C of the module.
     Scores and information are kept by stretch of days, of which ``first_day`` (T,) is the first.
     """
 
@@ -80,9 +83,7 @@ class Sums:
         self._fit_fields()
         self.inverse_residual = self.invert(self.residual)
         self.rows = np.empty((2 * self.n, candidates.width + SPARE), np.float32, order="F")
-        self.shared = np.zeros(
-            (self.A, self.D, self.fields.shape[1], self.rows.shape[1]), np.float32
-        )
+        self.shared = np.empty((self.D, self.fields.shape[1], 0), np.float32)
         self.width = 0
         # first column that each extension built
         self.extended_from: list[int] = []
@@ -111,26 +112,31 @@ class Sums:
             if where.stop > self.rows.shape[1]:
                 more = where.stop + SPARE - self.rows.shape[1]
                 self.rows = np.pad(self.rows, ((0, 0), (0, more)))
-                self.shared = np.pad(self.shared, ((0, 0), (0, 0), (0, 0), (0, more)))
             self.rows[:, where] = self.whitened(self.candidates.raw(where))
         self.width = self.candidates.width
-        new = slice(first, self.width)
-        for a, d, span in self.cells:
-            self.shared[a, d, :, new] = self.root32[d] @ (
-                self.fields[span].T @ self.rows[span, new]
-            )
+        new = np.zeros((self.D, self.fields.shape[1], self.width - first), np.float32)
+        for _, d, span in self.cells:
+            new[d] += self.fields[span].T @ self.rows[span, first : self.width]
+        self.shared = np.concatenate([self.shared[..., :first], self.root @ new], axis=2)
 
-    def shared_of(self, aircraft: int, rows: Singles) -> Singles:
-        """C of the module, (D, q, k), of whitened rows (2 n, k) of an aircraft."""
-        out = np.zeros((self.D, self.fields.shape[1], rows.shape[1]), np.float32)
-        for d, span in ((d, span) for a, d, span in self.cells if a == aircraft):
-            out[d] = self.root32[d] @ (self.fields[span].T @ rows[span])
-        return out
+    def _days_of(self, aircraft: int) -> list[slice]:
+        """Rows of an aircraft on each day, counted from its first."""
+        cuts = self.cuts[aircraft * self.D : (aircraft + 1) * self.D + 1]
+        return [slice(i, j) for i, j in itertools.pairwise((cuts - cuts[0]).tolist())]
+
+    def by_day(self, aircraft: int, left: Singles, right: Singles) -> Singles:
+        """Products (D, i, j) by day of rows (2 n_a, i) and (2 n_a, j) of an aircraft."""
+        return np.stack([left[span].T @ right[span] for span in self._days_of(aircraft)])
+
+    def of_fields(self, aircraft: int, coefficients: Singles) -> Singles:
+        """Day fields with coefficients (D, q, k) on the rows of an aircraft, (2 n_a, k)."""
+        fields = self.fields[self.rows_of(aircraft)]
+        days = zip(self._days_of(aircraft), coefficients, strict=True)
+        return np.concatenate([fields[span] @ of_day for span, of_day in days])
 
     def release(self) -> None:
         """Free the memory of the rows; only fitted values can be used from then on."""
         self.rows = np.empty((0, 0), np.float32)
-        self.shared = np.empty((0, 0, 0, 0), np.float32)
         self._grams, self._of_group = {}, {}
 
     def _fit_fields(self) -> None:
@@ -142,8 +148,8 @@ class Sums:
             gram[d] += rows.T @ rows
             score[d] += rows.T @ self.residual[span]
         variance = self.field_variance = field_variance(gram, score)
-        self.root = np.linalg.inv(np.linalg.cholesky(gram + np.diag(1 / variance)))
-        self.root32 = self.root.astype(np.float32)
+        root = np.linalg.inv(np.linalg.cholesky(gram + np.diag(1 / variance)))
+        self.root = root.astype(np.float32)
 
     def invert(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
         """V^-1 times a vector over the rows."""
@@ -160,9 +166,9 @@ class Sums:
             out[a, self.stretch[d]] += values[span] @ self.rows[span, : self.width]
         return out
 
-    def by_stretch(self, by_day: Floats, axis: int) -> Floats:
-        """Sums over the days of each stretch."""
-        return np.asarray(np.add.reduceat(by_day, self.first_day, axis=axis))
+    def by_stretch(self, by_day: NDArray[np.floating]) -> Floats:
+        """Sums (T, ...) over the days of each stretch of values (D, ...)."""
+        return np.asarray(np.add.reduceat(by_day, self.first_day), np.float64)
 
     def information(self, group: Group) -> tuple[Floats, Floats]:
         """Information about a group's coefficients: (A, T, m, m) of aircraft, (T, m, m) of all."""
@@ -182,19 +188,22 @@ class Sums:
         key = (columns.start, columns.stop)
         if key not in self._grams:
             k = columns.stop - columns.start
-            by_aircraft = np.zeros((self.A, self.T, k, k))
-            for a, d, span in self.cells:
-                rows = self.rows[span, columns]
-                by_aircraft[a, self.stretch[d]] += rows.T @ rows
-            shared = self.shared[..., columns].astype(float)
-            total = shared.sum(axis=0)
-            common = np.einsum("adqi,adqj->adij", shared, shared, optimize=True)
-            of_fleet = np.einsum("dqi,dqj->dij", total, total, optimize=True)
-            self._grams[key] = (
-                by_aircraft - self.by_stretch(common, 1),
-                by_aircraft.sum(axis=0) - self.by_stretch(of_fleet, 0),
-            )
+            by_aircraft, of_fleet = np.zeros((self.A, self.T, k, k)), np.zeros((self.T, k, k))
+            q = self.fields.shape[1]
+            for a in range(self.A):
+                span = self.rows_of(a)
+                rows = np.concatenate([self.fields[span], self.rows[span, columns]], axis=1)
+                products = self.by_day(a, rows, rows[:, q:])
+                gram = self.by_stretch(products[:, q:])
+                by_aircraft[a] = gram - self._of_shared(self.root @ products[:, :q])
+                of_fleet += gram
+            self._grams[key] = by_aircraft, of_fleet - self._of_shared(self.shared[..., columns])
         return self._grams[key]
+
+    def _of_shared(self, shared: Singles) -> Floats:
+        """C'C of the module, (T, k, k), of columns whose C is ``shared`` (D, q, k)."""
+        shared = shared.astype(float)
+        return self.by_stretch(np.swapaxes(shared, 1, 2) @ shared)
 
 
 def field_variance(gram: Floats, score: Floats) -> Floats:

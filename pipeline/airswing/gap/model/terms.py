@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular
@@ -129,13 +130,7 @@ class Columns:
             values[(day < first) | (day >= stop)] = 0.0
             at = np.arange(m) if term.scope == "f" else np.arange(j * m, (j + 1) * m)
             self.rows[a] = (at, values)
-            if raw is None:
-                cells = sums.shared[a][:, :, term.group.columns]
-            else:
-                cells = sums.shared_of(a, raw)
-            shared = np.einsum("dqk,km->dqm", cells, transform)
-            shared[:first] = shared[stop:] = 0.0
-            self.shared[:, :, at] += shared
+            self.shared[:, :, at] += sums.root @ sums.by_day(a, sums.fields[span], values)
         self.score = np.zeros(self.width)
         for a, (at, values) in self.rows.items():
             self.score[at] += values.T @ sums.inverse_residual[sums.rows_of(a)]
@@ -145,6 +140,15 @@ class Columns:
         }
         self._extensions = len(sums.extended_from)
 
+    @cached_property
+    def inverse(self) -> dict[int, Singles]:
+        """Rows of V^-1 X of each aircraft."""
+        coefficients = np.swapaxes(self.sums.root, 1, 2) @ self.shared.astype(np.float32)
+        return {
+            a: values - self.sums.of_fields(a, coefficients[..., at])
+            for a, (at, values) in self.rows.items()
+        }
+
     def with_candidates(self) -> tuple[Singles, dict[int, Singles]]:
         """X' V^-1 Z with the columns Z of all candidates, (k, p): of all aircraft, and of each."""
         sums = self.sums
@@ -152,11 +156,11 @@ class Columns:
         self._extensions = len(sums.extended_from)
         new = slice(summed, sums.width)
         shared = self.shared.astype(np.float32).reshape(-1, self.width)
-        cross = -shared.T @ sums.shared[..., new].sum(axis=0).reshape(shared.shape[0], -1)
+        cross = -shared.T @ sums.shared[..., new].reshape(shared.shape[0], -1)
         for a, (at, values) in self.rows.items():
-            product = values.T @ sums.rows[sums.rows_of(a), new]
-            cross[at] += product
-            product -= shared[:, at].T @ sums.shared[a, ..., new].reshape(shared.shape[0], -1)
+            both = np.concatenate([values, self.inverse[a]], axis=1)
+            of_rows, product = np.split(both.T @ sums.rows[sums.rows_of(a), new], 2)
+            cross[at] += of_rows
             old = self._cross_by_aircraft[a][:, :summed]
             self._cross_by_aircraft[a] = np.concatenate([old, product], axis=1)
         self._cross = np.concatenate([self._cross[:, :summed], cross], axis=1)
@@ -191,7 +195,7 @@ class AircraftTerms:
     """Coefficients of the terms in the model that act on an aircraft."""
 
     at: Integers  # (w,): their places
-    rows: Singles  # (2 n_a, w): their columns on its rows
+    rows: Singles  # (2 n_a, w): those of V^-1 X on its rows
     root: Floats  # (w, w): a root of their posterior covariance, root' root
 
 
@@ -349,20 +353,20 @@ class Model:
         self.theta: Floats = np.asarray(np.linalg.solve(self.hessian, score), np.float64)
         columns = [self.columns(x) for x in every]
         self.offsets = np.cumsum([0] + [x.width for x in columns])
-        self.term_shared = np.concatenate([x.shared for x in columns], axis=2)
         inverse = np.linalg.inv(self.hessian)
         fitted = np.zeros(2 * sums.n, np.float32)
         crossed = [x.with_candidates() for x in columns]
         self.by_aircraft, explained = [], []
         for a in range(sums.A):
             span = sums.rows_of(a)
-            active = [(k, x.rows[a]) for k, x in enumerate(columns) if a in x.rows]
-            at = np.concatenate([self.offsets[k] + places for k, (places, _) in active])
-            rows = np.concatenate([values for _, (_, values) in active], axis=1)
-            acting = AircraftTerms(at, rows, np.linalg.cholesky(inverse[np.ix_(at, at)]).T)
+            active = [k for k, x in enumerate(columns) if a in x.rows]
+            at = np.concatenate([self.offsets[k] + columns[k].rows[a][0] for k in active])
+            rows = np.concatenate([columns[k].rows[a][1] for k in active], axis=1)
             fitted[span] = rows @ self.theta[at].astype(np.float32)
+            rows = np.concatenate([columns[k].inverse[a] for k in active], axis=1)
+            acting = AircraftTerms(at, rows, np.linalg.cholesky(inverse[np.ix_(at, at)]).T)
             self.by_aircraft.append(acting)
-            explained.append(acting.root @ np.concatenate([crossed[k][1][a] for k, _ in active]))
+            explained.append(acting.root @ np.concatenate([crossed[k][1][a] for k in active]))
         self.inverse_residual = sums.inverse_residual - sums.invert(fitted)
         self.day_score = sums.scores(self.inverse_residual)
         most = max(x.shape[0] for x in explained)
