@@ -15,7 +15,7 @@ from airswing.gap.distribution.gross_errors import (
     reduction_of_gross,
 )
 from airswing.gap.noise import (
-    DirectionFactors,
+    direction_factors,
     fit_noise,
     flight_order,
     flight_steps,
@@ -134,8 +134,7 @@ def flights(keep=None, *, anisotropic=False):
     covariance = np.kron(covariance, np.eye(2))
     if anisotropic:
         heading = rng.uniform(0, 2 * np.pi, 13)
-        factors = DirectionFactors.from_heading(heading, 0.7, 1.2)
-        gains = replace(gains, direction=factors.inverse)
+        gains = replace(gains, direction=direction_factors(heading, 1 / 0.7, 1 / 1.2))
         root = np.zeros((13, 2, 13, 2))
         for i, a in enumerate(heading):
             along, across = np.array([np.sin(a), np.cos(a)]), np.array([np.cos(a), -np.sin(a)])

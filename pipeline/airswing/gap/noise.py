@@ -41,40 +41,6 @@ class FlightOrder:
 
 
 @dataclass(frozen=True)
-class DirectionFactors:
-    """Scaling of vectors along and across the heading, E = a I + (b - a) h h'."""
-
-    heading_vector: Floats  # (2, n): h, unit vector (east, north) of each report's heading
-    along: float  # b
-    across: float  # a
-
-    @classmethod
-    def from_heading(cls, heading: Floats, along: float, across: float) -> DirectionFactors:
-        """Return the scaling for headings, (n,) rad."""
-        return cls(np.stack([np.sin(heading), np.cos(heading)]), along, across)
-
-    def scale(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Scale vectors of shape (..., 2, n)."""
-        unit = self.heading_vector.astype(values.dtype)
-        projection = values[..., 0, :] * unit[0] + values[..., 1, :] * unit[1]
-        projection *= self.along - self.across
-        out = self.across * values
-        out[..., 0, :] += projection * unit[0]
-        out[..., 1, :] += projection * unit[1]
-        return np.asarray(out, values.dtype)
-
-    def scale_reports(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Scale vectors of shape (n, 2, ...)."""
-        scaled = self.scale(np.moveaxis(values, (0, 1), (-1, -2)))
-        return np.moveaxis(scaled, (-1, -2), (0, 1))
-
-    @property
-    def inverse(self) -> DirectionFactors:
-        """The inverse scaling."""
-        return DirectionFactors(self.heading_vector, 1.0 / self.along, 1.0 / self.across)
-
-
-@dataclass(frozen=True)
 class Gains:
     """Coefficients of the whitening recursion, one per report, in the order of the reports."""
 
@@ -83,8 +49,21 @@ class Gains:
     gain: Floats  # (n,): Kalman gain; 0 where the report is masked
     weight: Floats  # (n,): inverse standard deviation of the innovation, s m-1; 0 where masked
     scale: Floats  # (n,): inverse of the level factor, applied before the recursion
-    # scaling that makes errors isotropic, applied first; None where they are isotropic
-    direction: DirectionFactors | None = None
+    # (n, 2, 2): scaling that makes errors isotropic, applied first; None where they are
+    direction: Floats | None = None
+
+
+def direction_factors(heading: Floats, along: float, across: float) -> Floats:
+    """Matrices (n, 2, 2) that scale vectors along and across headings (n,), rad."""
+    unit = np.stack([np.sin(heading), np.cos(heading)], -1)
+    return across * np.eye(2) + (along - across) * unit[:, :, None] * unit[:, None]
+
+
+def scaled(values: NDArray[np.floating], factors: Floats | None) -> NDArray[np.floating]:
+    """Vectors (n, 2, ...) times the matrix of each report; unchanged without matrices."""
+    if factors is None:
+        return values
+    return np.asarray(np.einsum("nij,nj...->ni...", factors.astype(values.dtype), values))
 
 
 def flight_order(flight: NDArray[np.integer], time: Floats) -> FlightOrder:
@@ -163,24 +142,21 @@ def whiten(values: NDArray[np.floating], order: FlightOrder, gains: Gains) -> ND
 
     The result has unit variance where the noise model holds; it is 0 at masked reports.
     """
-    index, way = order.index, gains.direction
-    if way is not None:
-        way = DirectionFactors(way.heading_vector[:, index], way.along, way.across)
+    index = order.index
     parts = gains.decay[index], gains.gain[index], gains.weight[index], gains.scale[index]
-    blocks = np.ascontiguousarray(np.moveaxis(values[index], (0, 1), (-1, -2)))
-    whiten_blocks(blocks, order.starts, Gains(*parts, way))
+    isotropic = scaled(values, gains.direction)[index]
+    blocks = np.ascontiguousarray(np.moveaxis(isotropic, (0, 1), (-1, -2)))
+    whiten_blocks(blocks, order.starts, Gains(*parts))
     out = np.empty_like(values)
     out[index] = np.moveaxis(blocks, (-1, -2), (0, 1))
     return out
 
 
 def whiten_blocks(values: NDArray[np.floating], starts: Integers, gains: Gains) -> None:
-    """Whiten, in place, vectors (..., 2, n) that are in the order of a :class:`FlightOrder`.
+    """Whiten, in place, isotropic vectors (..., 2, n) in the order of a :class:`FlightOrder`.
 
     ``starts`` are the blocks of the order, ``gains`` those of the n reports in the same order.
     """
-    if gains.direction is not None:
-        values[...] = gains.direction.scale(values)
     # numpy works on contiguous rows of many columns faster than on short stretches of every column
     transposed = values[..., :1].size > 32
     target = values
@@ -216,7 +192,7 @@ def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tu
     valid = (precision > 0) & (gains.weight > 0)
     errors = np.divide(score, precision[:, None], out=np.zeros_like(score), where=valid[:, None])
     if gains.direction is not None:
-        errors = np.asarray(gains.direction.inverse.scale_reports(errors))
+        errors = np.asarray(scaled(errors, np.linalg.inv(gains.direction)))
     return errors, np.where(valid, precision, 0.0)
 
 
@@ -267,11 +243,11 @@ class NoiseModel:
         """Return the correlation of the correlated part over distances (m) and steps of ln p."""
         return np.exp(-distance / self.length - step / self.height)
 
-    def direction_factors(self, heading: Floats) -> DirectionFactors | None:
-        """Scaling from isotropic errors to those at headings (n,), rad; None if isotropic."""
+    def direction_factors(self, heading: Floats) -> Floats | None:
+        """Matrices from isotropic errors to those at headings (n,), rad; None if isotropic."""
         if self.along == self.across:
             return None
-        return DirectionFactors.from_heading(heading, self.along, self.across)
+        return direction_factors(heading, self.along, self.across)
 
 
 @dataclass(frozen=True)
@@ -315,8 +291,7 @@ def fit_noise(
     else:
         mean = float(np.hypot(along, across) / np.sqrt(2.0))
         along, across = along / mean, across / mean
-        isotropic = DirectionFactors.from_heading(frame.heading, 1 / along, 1 / across)
-        values = np.ascontiguousarray(isotropic.scale_reports(values))
+        values = np.asarray(scaled(values, direction_factors(frame.heading, 1 / along, 1 / across)))
     # the likelihood is evaluated about a hundred times: on about 24,000 reports of whole flights
     numbers, most = np.unique(frame.flight), 24_000
     drawn = np.random.default_rng(seed).random(numbers.size) < most / level.size
@@ -342,7 +317,7 @@ def whitening_gains(
     sd = model.correlated_sd, model.white_sd, extra_sd
     gains = kalman_gains(order, decay, model.factor(log_pressure), keep, *sd)
     direction = model.direction_factors(frame.heading)
-    return gains if direction is None else replace(gains, direction=direction.inverse)
+    return gains if direction is None else replace(gains, direction=np.linalg.inv(direction))
 
 
 def _maximise(

@@ -18,7 +18,7 @@ from airswing.gap.model.candidates import COMPONENTS, Group, Table
 from airswing.gap.model.evidence import share_of_aircraft
 from airswing.gap.model.sums import GATE
 from airswing.gap.model.terms import Model
-from airswing.gap.noise import weighted_scores
+from airswing.gap.noise import scaled, weighted_scores
 
 #: Knots of each variable in tables that enter the contest, and in final ones.
 COARSE, FINE = 4, 7
@@ -106,9 +106,7 @@ def report_scores(model: Model) -> Floats:
     white: Floats = np.empty((sums.n, 2))
     white[sums.order] = model.inverse_residual.reshape(sums.n, 2)
     score, _ = weighted_scores(white, sums.noise.order, sums.noise.gains)
-    if sums.noise.gains.direction is not None:
-        score = np.asarray(sums.noise.gains.direction.scale_reports(score))
-    return score
+    return np.asarray(scaled(score, sums.noise.gains.direction))
 
 
 def _mean_evidence(scores: Floats, count: Floats) -> Floats:

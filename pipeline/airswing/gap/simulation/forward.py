@@ -26,7 +26,7 @@ from airswing.gap.archive.lattices import HeadingSteps, in_steps
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects import CATALOGUE, EMPIRICAL, ActiveEffect, Effect, State, effect_named
 from airswing.gap.effects.base import Parameters, missing_context
-from airswing.gap.noise import NoiseModel, flight_order, flight_steps, neighbour_pairs
+from airswing.gap.noise import NoiseModel, flight_order, flight_steps, neighbour_pairs, scaled
 from airswing.physics.triangle import (
     bearing,
     wind_components,
@@ -175,9 +175,7 @@ def draw_noise(frame: Frame, noise: NoiseModel, *, rng: np.random.Generator) -> 
     for before, now in neighbour_pairs(order):
         correlated[now] += decay[now, None] * correlated[before]
     error = noise.correlated_sd * correlated + noise.white_sd * white
-    direction = noise.direction_factors(frame.heading)
-    if direction is not None:
-        error = np.asarray(direction.scale_reports(error), np.float64)
+    error = scaled(error, noise.direction_factors(frame.heading))
     return np.asarray(noise.factor(log_pressure)[:, None] * error)
 
 
