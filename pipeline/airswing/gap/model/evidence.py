@@ -324,14 +324,15 @@ def dated_evidence(
         nothing = ScopeEvidence(-np.inf, float(SCALES[0]), (), np.zeros(sums.A))
         return nothing, nothing
     statistics = model.statistics(group)
-    changes = (statistics, periods.sums(day_score), information, cross, shape, able)
-    ranked = _change_evidence(*changes, periods, sums.flown, kappa)
+    scores = periods.sums(day_score)
+    changes = _Changes(statistics, periods, sums.flown, able, scores, information, cross, shape)
+    ranked = changes.evidence(kappa)
     if ranked.evidence < least:
         return ranked, ranked
     factors = _factor_with_changes(ranked.period, day_score, by_day, statistics)
     affected = factors[list(ranked.period)] if ranked.period else factors
     factor = max(kappa, float(np.nanmean(factors)), float(np.nanmean(affected)))
-    return ranked, _change_evidence(*changes, periods, sums.flown, factor)
+    return ranked, changes.evidence(factor)
 
 
 def _explained_by_stretch(model: Model, group: Group, aircraft: int) -> Floats:
@@ -373,97 +374,101 @@ def _unit_trace_shape(information: Floats) -> Floats:
     return np.where(trace > 0, m * information / np.maximum(trace, 1e-12), eye) + SLIGHT * eye
 
 
-def _change_evidence(
-    stats: Statistics,
-    score: Floats,
-    information: Floats,
-    cross: Floats,
-    shape: Floats,
-    able: Booleans,
-    periods: _Periods,
-    flown: Booleans,
-    kappa: float,
-) -> ScopeEvidence:
-    """Evidence of changes with scores (A, P, m) and information (A, P, m, m) of each period.
+@dataclass(frozen=True)
+class _Changes:
+    """Changes of a candidate in each of the periods, by aircraft."""
 
-    ``cross`` (A, P, m, m) is the information shared by the whole archive and a period: it differs
-    from that of the period where terms in the model act on all.
-    """
-    aircraft = able.shape[0]
-    m = score.shape[-1]
-    variance, given_back = common_variance(stats)
-    returned = given_back @ stats.score.sum(axis=0)
-    total_score = (stats.score + stats.information @ returned) / kappa
-    crossed = np.swapaxes(cross, -1, -2) / kappa
-    score = score / kappa + crossed @ returned
-    total, information = stats.information / kappa, information / kappa
-    common, eye = _Common(variance), np.eye(m)
-    small = SMALL**2 + stats.usual + np.broadcast_to(stats.remainder, aircraft)
+    stats: Statistics
+    periods: _Periods
+    flown: Booleans  # (A, T)
+    able: Booleans  # (A, P): flies often enough in and outside the period
+    score: Floats  # (A, P, m)
+    information: Floats  # (A, P, m, m)
+    # (A, P, m, m): shared by the whole archive and a period; it differs from that of the period
+    # where terms in the model act on all
+    cross: Floats
+    shape: Floats  # (A, P, m, m): of the prior
 
-    def with_small(information: Floats, score: Floats) -> Gaussians:
-        """The small undated part of each aircraft integrated; (A, ..., m, m), (A, ..., m)."""
-        free = small.reshape(-1, *[1] * (score.ndim - 2))
-        spread = eye + free[..., None, None] * information
-        solved = np.linalg.solve(spread, score[..., None])[..., 0]
-        level = 0.5 * free * (score * solved).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1]
-        return level, np.asarray(solved), np.asarray(np.linalg.solve(spread, information))
+    def evidence(self, kappa: float) -> ScopeEvidence:
+        """Evidence of changes, of each aircraft or one for all, with a noise factor."""
+        stats, periods, able, shape = self.stats, self.periods, self.able, self.shape
+        aircraft, m = stats.score.shape
+        rows, eye = np.arange(aircraft), np.eye(m)
+        variance, given_back = common_variance(stats)
+        returned = given_back @ stats.score.sum(axis=0)
+        total_score = (stats.score + stats.information @ returned) / kappa
+        crossed = np.swapaxes(self.cross, -1, -2) / kappa
+        score = self.score / kappa + crossed @ returned
+        total, information = stats.information / kappa, self.information / kappa
+        common = _Common(variance)
+        small = SMALL**2 + stats.usual + np.broadcast_to(stats.remainder, aircraft)
 
-    null = with_small(total, total_score)
-    sums = [x.sum(axis=0) for x in null]
-    nothing = float(common.total(*sums))
-    prior, anywhere = number_prior(aircraft), np.asarray(able.any(axis=1))
-    # an aircraft changes on a day that it flies
-    distinct = np.where(able & flown[:, periods.start], periods.log_prior, -np.inf)
-    distinct[anywhere] -= log_sum(distinct[anywhere], axis=1, keepdims=True)
-    rows = np.arange(aircraft)
-    separate, shared, by_scale = [], [], []
-    for s in SCALES:
-        slab = information + shape / s**2
-        turned = np.linalg.solve(slab, crossed)
-        rest = total[:, None] - np.swapaxes(crossed, -1, -2) @ turned
-        linear = total_score[:, None] - np.einsum("adij,adi->adj", turned, score)
-        change = 0.5 * (score * np.linalg.solve(slab, score[..., None])[..., 0]).sum(-1)
-        change -= 0.5 * (np.linalg.slogdet(s**2 * slab)[1] - np.linalg.slogdet(shape)[1])
-        level, linear, rest = with_small(rest, linear)
-        level = level + change
-        picked = (level.T, linear.swapaxes(0, 1), rest.swapaxes(0, 1))
-        nested, gains = _best_sets(common, null, picked, add=np.zeros(1), able=able.T)
-        by_period = log_sum(nested + prior, axis=1) + periods.log_prior
-        by_period[~able.any(axis=0)] = -np.inf
-        shared.append(float(log_sum(by_period)) - nothing)
-        # separate periods: each aircraft's best, with the evidence that the others add
-        phi = common.mean(sums[1], sums[2])
-        for _ in range(3):
-            density = _log_density(level, linear, rest, phi) - _log_density(*null, phi)[:, None]
-            density = density + distinct
-            best = density.argmax(axis=1)
-            by_aircraft = log_sum(density, axis=1)
-            picked = (level[rows, best], linear[rows, best], rest[rows, best])
-            _, phi_score, phi_information = _sum_of_cases(by_aircraft > 0, picked, null)
-            phi = common.mean(phi_score, phi_information)
-        several = np.zeros(aircraft)
-        at = rows[anywhere], best[anywhere]
-        several[anywhere] = by_aircraft[anywhere] - (density[at] - distinct[at])
-        nested, gain = _best_sets(common, null, picked, add=several, able=anywhere)
-        separate.append(float(log_sum(nested + prior)) - nothing)
-        by_scale.append((by_period, gains, best, gain))
-    evidence = float(np.logaddexp(log_sum(separate), log_sum(shared))) - np.log(2 * SCALES.size)
-    together = max(shared) >= max(separate)
-    if together:
-        k = int(np.argmax(shared))
-        by_period, gains, _, _ = by_scale[k]
-        one = int(by_period.argmax())
-        gain, best = gains[one], np.full(aircraft, one)
-    else:
-        k = int(np.argmax(separate))
-        _, _, best, gain = by_scale[k]
-    inclusion = 1 / (1 + np.exp(-np.clip(gain, -30, 30)))
-    tails = tuple(int(a) for a in np.flatnonzero(inclusion > INCLUDED))
-    period = {
-        a: periods.as_flown(int(best[a]), flown[list(tails) if together else [a]]) for a in tails
-    }
-    mean = shape[list(tails), best[list(tails)]].mean(axis=0) if tails else eye
-    return ScopeEvidence(evidence, float(SCALES[k]), tails, inclusion, period=period, shape=mean)
+        def with_small(information: Floats, score: Floats) -> Gaussians:
+            """The small undated part of each aircraft integrated; (A, ..., m, m), (A, ..., m)."""
+            free = small.reshape(-1, *[1] * (score.ndim - 2))
+            spread = eye + free[..., None, None] * information
+            solved = np.linalg.solve(spread, score[..., None])[..., 0]
+            level = 0.5 * free * (score * solved).sum(-1) - 0.5 * np.linalg.slogdet(spread)[1]
+            return level, np.asarray(solved), np.asarray(np.linalg.solve(spread, information))
+
+        null = with_small(total, total_score)
+        sums = [x.sum(axis=0) for x in null]
+        nothing = float(common.total(*sums))
+        prior, anywhere = number_prior(aircraft), np.asarray(able.any(axis=1))
+        # an aircraft changes on a day that it flies
+        distinct = np.where(able & self.flown[:, periods.start], periods.log_prior, -np.inf)
+        distinct[anywhere] -= log_sum(distinct[anywhere], axis=1, keepdims=True)
+        separate, shared, by_scale = [], [], []
+        for s in SCALES:
+            slab = information + shape / s**2
+            turned = np.linalg.solve(slab, crossed)
+            rest = total[:, None] - np.swapaxes(crossed, -1, -2) @ turned
+            linear = total_score[:, None] - np.einsum("adij,adi->adj", turned, score)
+            change = 0.5 * (score * np.linalg.solve(slab, score[..., None])[..., 0]).sum(-1)
+            change -= 0.5 * (np.linalg.slogdet(s**2 * slab)[1] - np.linalg.slogdet(shape)[1])
+            level, linear, rest = with_small(rest, linear)
+            level = level + change
+            picked = (level.T, linear.swapaxes(0, 1), rest.swapaxes(0, 1))
+            nested, gains = _best_sets(common, null, picked, add=np.zeros(1), able=able.T)
+            by_period = log_sum(nested + prior, axis=1) + periods.log_prior
+            by_period[~able.any(axis=0)] = -np.inf
+            shared.append(float(log_sum(by_period)) - nothing)
+            # separate periods: each aircraft's best, with the evidence that the others add
+            phi = common.mean(sums[1], sums[2])
+            for _ in range(3):
+                density = _log_density(level, linear, rest, phi) - _log_density(*null, phi)[:, None]
+                density = density + distinct
+                best = density.argmax(axis=1)
+                by_aircraft = log_sum(density, axis=1)
+                picked = (level[rows, best], linear[rows, best], rest[rows, best])
+                _, phi_score, phi_information = _sum_of_cases(by_aircraft > 0, picked, null)
+                phi = common.mean(phi_score, phi_information)
+            several = np.zeros(aircraft)
+            at = rows[anywhere], best[anywhere]
+            several[anywhere] = by_aircraft[anywhere] - (density[at] - distinct[at])
+            nested, gain = _best_sets(common, null, picked, add=several, able=anywhere)
+            separate.append(float(log_sum(nested + prior)) - nothing)
+            by_scale.append((by_period, gains, best, gain))
+        evidence = float(np.logaddexp(log_sum(separate), log_sum(shared))) - np.log(2 * SCALES.size)
+        together = max(shared) >= max(separate)
+        if together:
+            k = int(np.argmax(shared))
+            by_period, gains, _, _ = by_scale[k]
+            one = int(by_period.argmax())
+            gain, best = gains[one], np.full(aircraft, one)
+        else:
+            k = int(np.argmax(separate))
+            _, _, best, gain = by_scale[k]
+        inclusion = 1 / (1 + np.exp(-np.clip(gain, -30, 30)))
+        tails = tuple(int(a) for a in np.flatnonzero(inclusion > INCLUDED))
+        period = {
+            a: periods.as_flown(int(best[a]), self.flown[list(tails) if together else [a]])
+            for a in tails
+        }
+        mean = shape[list(tails), best[list(tails)]].mean(axis=0) if tails else eye
+        return ScopeEvidence(
+            evidence, float(SCALES[k]), tails, inclusion, period=period, shape=mean
+        )
 
 
 # --------------------------------------------------------------------------------------- exchanges
