@@ -32,6 +32,13 @@ def test_innovations_of_compass_points():
     assert np.isnan(omb["eastward"][5])
 
 
+def test_a_calm_wind_has_no_direction_and_an_opposite_one_is_half_a_turn():
+    reference = np.array([10.0, 10.0]), np.array([0.0, 0.0])
+    observed = np.array([0.0, -10.0]), np.array([0.0, 0.0])
+    direction = innovations(*observed, *reference)["direction"]
+    assert np.isnan(direction[0]) and direction[1] == 180.0
+
+
 @pytest.fixture
 def archive():
     rng = np.random.default_rng(3)

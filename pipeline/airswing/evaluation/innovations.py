@@ -27,6 +27,7 @@ from airswing.errors import InputError
 from airswing.evaluation.resampling import SUMS, cluster_sums, clustered_mean, ratio
 from airswing.flags import CORRECTION, PHASE, SCREENING
 from airswing.physics.compass_deviation import deviation_basis
+from airswing.physics.triangle import angle_of_vector
 from airswing.products.ragged import aircraft_of_report, blocks, time_span
 
 Floats = NDArray[np.float64]
@@ -128,13 +129,13 @@ def innovations(
     """Innovation of the speed, the direction and both components of a wind, m/s and degrees.
 
     Directions are in (-180, 180], positive where the observation is veered (clockwise). NaN where a
-    wind is missing, and of the direction where the reference wind is weaker than
-    :data:`MIN_DIRECTION_WIND`.
+    wind is missing, and of the direction where the observed wind is calm or the reference wind is
+    weaker than :data:`MIN_DIRECTION_WIND`.
     """
     u, v, u_ref, v_ref = eastward, northward, reference_eastward, reference_northward
     speed = np.hypot(u_ref, v_ref)
     # the angle between the two vectors, clockwise positive, is the same for directions "from"
-    turned = np.degrees(np.arctan2(u * v_ref - v * u_ref, u * u_ref + v * v_ref))
+    turned = np.degrees(angle_of_vector(u_ref, v_ref, u, v))
     differences = {
         "speed": np.hypot(u, v) - speed,
         "direction": np.where(speed >= MIN_DIRECTION_WIND, turned, np.nan),
