@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import rice
 
-from airswing.errors import InputError
+from airswing.errors import ConfigError, InputError
 from airswing.evaluation.field_test import (
     DaySums,
     adjusted_reductions,
@@ -71,6 +71,10 @@ def simulate_fleet(seed, *, corrected=19, controls=17, days=(60, 60), flights=3,
 
 
 def run(fleet, **options):
+    return field_test_of(fleet.headings, fleet, **options)
+
+
+def field_test_of(headings, fleet, **options):
     asked = {
         "start": START,
         "before_start": date(2009, 7, 20),
@@ -80,7 +84,7 @@ def run(fleet, **options):
         "reference": "rr",
         "draws": 400,
     }
-    return field_test(fleet.headings, **(asked | options))
+    return field_test(headings, **(asked | options))
 
 
 def test_the_seeds_table_gives_its_adjusted_reduction_both_ways():
@@ -154,6 +158,7 @@ def test_regression_to_the_mean_by_hand():
         ({"controls": ["N000"]}, ["N000", "both groups"]),
         ({"controls": []}, ["no aircraft", "controls"]),
         ({"start": date(2011, 1, 1), "before_start": date(2010, 1, 1)}, ["no usable report"]),
+        ({"reference": "nam"}, ["nam", "no such reference", "rr"]),
     ],
 )
 def test_bad_groups_and_windows_are_named(options, words):
@@ -167,3 +172,14 @@ def test_a_flag_that_no_report_has_is_noted_and_not_required():
     fleet = simulate_fleet(0, days=(5, 5), corrected=3, controls=3, flights=1, reports=2)
     fleet.headings["roll_flag"][:] = 0
     assert "roll_flag" in run(fleet)["notes"][0]
+    without = fleet.headings.drop_vars("roll_flag")
+    assert "roll_flag" in field_test_of(without, fleet)["notes"][0]
+
+
+def test_an_absent_flag_rejects_no_report_and_an_unknown_policy_is_refused():
+    fleet = simulate_fleet(0, days=(5, 5), corrected=3, controls=3, flights=1, reports=2)
+    without = fleet.headings.drop_vars(["roll_flag", "temperature_qc"])
+    policies = {"roll": "reject_bad", "temperature_qc": "reject_fail"}
+    assert field_test_of(without, fleet, **policies)["groups"] == run(fleet)["groups"]
+    with pytest.raises(ConfigError, match="field_test.roll"):
+        run(fleet, roll="good")

@@ -100,9 +100,9 @@ def screen(
     slow, fast = AIRSPEEDS
     rules = {
         "phase": ~headings["phase"].isin([PHASE[name] for name in phases]),
-        "roll": _rejected(headings, "roll_flag", ROLL, roll),
-        "temperature_qc": _rejected(headings, "temperature_qc", TEMPERATURE_QC, temperature_qc),
-        "wind_qc": _rejected(headings, "wind_qc", WIND_QC, wind_qc),
+        "roll": rejected(headings, "roll_flag", ROLL, roll),
+        "temperature_qc": rejected(headings, "temperature_qc", TEMPERATURE_QC, temperature_qc),
+        "wind_qc": rejected(headings, "wind_qc", WIND_QC, wind_qc),
         "turn": np.abs(headings["turn"]) > np.degrees(max_turn),
         "ground_speed": speed < min_ground_speed,
         "no_ground_vector": speed.isnull()
@@ -191,11 +191,17 @@ def _counts(headings: xr.Dataset) -> xr.Dataset:
     )
 
 
-def _rejected(headings: xr.Dataset, name: str, codes: dict[str, int], policy: str) -> xr.DataArray:
-    """Reports that a flag rejects under a policy; an absent variable is missing everywhere."""
+def rejected(
+    headings: xr.Dataset, name: str, codes: dict[str, int], policy: str, section: str = "screening"
+) -> xr.DataArray:
+    """Reports that a flag rejects under a policy; an absent variable is missing everywhere.
+
+    ConfigError, with a field of the configuration's ``section``, on an unknown policy.
+    """
     flag = headings.get(name)
     if flag is None:
-        flag = xr.zeros_like(headings["phase"])  # 0 is "missing" in every table of codes
+        # 0 is "missing" in every table of codes
+        flag = xr.zeros_like(headings["eastward_wind"], dtype=np.int8)
     action, _, word = policy.partition("_")
     if policy == "ignore":
         return xr.zeros_like(flag, dtype=bool)
@@ -207,7 +213,7 @@ def _rejected(headings: xr.Dataset, name: str, codes: dict[str, int], policy: st
         return flag != codes[good]
     raise ConfigError(
         "no such screening policy",
-        field=f"screening.{name.removesuffix('_flag')}",
+        field=f"{section}.{name.removesuffix('_flag')}",
         found=policy,
         remedy=f"Known: reject_{bad}, require_{good}, ignore",
     )

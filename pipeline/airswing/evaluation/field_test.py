@@ -23,9 +23,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from airswing.compass.screening import rejected
 from airswing.errors import InputError
 from airswing.evaluation import Content
-from airswing.evaluation.innovations import chunks
+from airswing.evaluation.innovations import chunks, require_reference
 from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test, ratio
 from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
 from airswing.products.ragged import blocks, time_span
@@ -139,7 +140,10 @@ def field_test(
     Raises
     ------
     InputError
-        If a group names an unknown aircraft or a window has no report of a group.
+        If a group names an unknown aircraft, the reference is unknown, or a window has no report
+        of a group.
+    ConfigError
+        On an unknown policy.
 
     Examples
     --------
@@ -169,19 +173,20 @@ def field_test(
             found=", ".join(shared) or ("corrected" if not corrected else "controls"),
             remedy="Every aircraft is either corrected or a control",
         )
-    required, notes = _required_flags(headings, roll=roll, temperature_qc=temperature_qc)
+    require_reference(pools, reference)
+    flags, notes = _flag_policies(headings, roll=roll, temperature_qc=temperature_qc)
     low, high = (time.astype("datetime64[D]").astype(np.int64) for time in time_span(headings))
     begin, switch = (int(np.datetime64(day).astype(np.int64)) for day in (before_start, start))
     stop = int(high) + 1 if end is None else int(np.datetime64(end).astype(np.int64))
     days = np.arange(max(int(low), begin), min(int(high), stop) + 1)
     member = np.where(np.isin(names, corrected), 1, np.where(np.isin(names, controls), 0, -1))
     sums = {key: np.zeros((2, names.size, days.size)) for key in pools}
-    for chunk in chunks(headings, pools, ["screening", *dict(required)]):
+    for chunk in chunks(headings, pools, ["screening", *flags]):
         used = (member[chunk.aircraft] >= 0) & (chunk.day >= begin) & (chunk.day < stop)
         screening = chunk.block["screening"].to_numpy()
         used &= (screening & sum(SCREENING[name] for name in _NEVER)) == 0
-        for name, (code, wanted) in required:
-            used &= (chunk.block[name].to_numpy() == code) == wanted
+        for name, (codes, policy) in flags.items():
+            used &= ~rejected(chunk.block, name, codes, policy, "field_test").to_numpy()
         aircraft, day, wind = chunk.aircraft[used], chunk.day[used], chunk.wind[:, used]
         place = aircraft * days.size + day - max(int(low), begin)
         for key, model in chunk.model.items():
@@ -312,21 +317,17 @@ def require_aircraft(names: NDArray[np.str_], group: list[str], field: str) -> N
         )
 
 
-def _required_flags(
+def _flag_policies(
     headings: xr.Dataset, *, roll: str, temperature_qc: str
-) -> tuple[list[tuple[str, tuple[int, bool]]], list[str]]:
-    """Flags with a code and whether it is required or rejected; and notes."""
-    rules, notes = [], []
-    for name, policy, codes, good, bad in (
-        ("roll_flag", roll, ROLL, "good", "bad"),
-        ("temperature_qc", temperature_qc, TEMPERATURE_QC, "pass", "fail"),
-    ):
-        if policy.startswith("require"):
-            columns = (block[name].to_numpy() for block in blocks(headings, [name]))
-            if any((flags != codes["missing"]).any() for flags in columns):
-                rules.append((name, (codes[good], True)))
-            else:
-                notes.append(f"no report carries {name}: it could not be required")
-        elif policy.startswith("reject"):
-            rules.append((name, (codes[bad], False)))
-    return rules, notes
+) -> tuple[dict[str, tuple[dict[str, int], str]], list[str]]:
+    """Codes and policy of each flag, and notes on flags that cannot be required."""
+    flags = {"roll_flag": (ROLL, roll), "temperature_qc": (TEMPERATURE_QC, temperature_qc)}
+    notes = []
+    for name, (codes, policy) in flags.items():
+        columns = (block[name].to_numpy() for block in blocks(headings, [name]) if name in block)
+        if policy.startswith("require") and not any(
+            np.any(column != codes["missing"]) for column in columns
+        ):
+            flags[name] = codes, "ignore"
+            notes.append(f"no report carries {name}: it could not be required")
+    return flags, notes
