@@ -47,6 +47,12 @@ def test_eight_compass_points():
     np.testing.assert_allclose(triangle.direction_in_degrees(*wind), POINTS, atol=1e-9)
 
 
+@pytest.mark.parametrize("precision", [np.float32, np.float64])
+def test_a_wind_from_just_west_of_north_is_below_360_degrees(precision):
+    direction = triangle.direction_in_degrees(*np.array([[1e-17], [-10.0]], precision))
+    assert direction.dtype == precision and direction[0] == 0.0
+
+
 @given(st.floats(-4.0, 7.5), angles)
 def test_compass_error_comes_back_with_its_sign(error, heading):
     wind = (-12.0, 9.0)

@@ -107,7 +107,9 @@ def direction_in_degrees(
     Single precision stays single.
     """
     east, north = np.asarray(eastward), np.asarray(northward)
-    return np.asarray(np.degrees(np.arctan2(-east, -north)) % 360.0)
+    direction = np.degrees(np.arctan2(-east, -north)) % 360.0
+    # a tiny negative angle rounds up to the full turn
+    return np.asarray(direction % 360.0)
 
 
 def air_vector(
