@@ -4,6 +4,7 @@ import benchmarks.observation_errors as archive
 import numpy as np
 import pytest
 
+from airswing.errors import InputError
 from airswing.evaluation.observation_errors import (
     REACH,
     added_variance,
@@ -129,6 +130,10 @@ def test_references_with_correlated_errors_are_recognised():
     options = {"pools": pools, "reference": "a+b", "covariance": covariance}
     assumed = observation_errors(headings, corrected, **options)
     assert by_hat(assumed) == pytest.approx(fleet_error(errors), rel=1e-6)
+    # the estimate of the covariance does not depend on the assumption
+    assert assumed["reference_error_covariance"].item() == pytest.approx(covariance)
+    with pytest.raises(InputError, match="no such reference"):
+        observation_errors(headings, corrected, pools=pools, reference="nam")
 
 
 def test_one_day_of_one_reference_gives_a_reason_and_no_error(tmp_path):

@@ -53,6 +53,7 @@ from airswing.evaluation.innovations import (
     Ints,
     chunks,
     profile_cells,
+    require_reference,
 )
 from airswing.evaluation.resampling import day_weights, interval, ratio, widened
 from airswing.flags import FREE_OF_DEVIATION, PHASE
@@ -380,6 +381,11 @@ def observation_errors(
         and, in the attributes, the preferred ``method``, ``method_reason``,
         ``assumed_covariance`` and the references of the hat.
 
+    Raises
+    ------
+    InputError
+        If the reference is unknown.
+
     References
     ----------
     Gray & Allan 1974, Proc. 28th Freq. Control Symp.
@@ -391,6 +397,7 @@ def observation_errors(
     >>> errors["observation_error"].dims
     ('flight_phase', 'layer', 'state')
     """
+    require_reference(pools, reference)
     members = [name for name, inside in pools.items() if len(inside) == 1]
     archive = disagreements(headings, corrected, members, list(pools[reference]))
     days = archive.days.size
@@ -423,7 +430,7 @@ def observation_errors(
     cells = np.moveaxis(cells, 0, 1)
     cells = widened(np.stack([cells + added[:, None, 1:], cells], axis=1), days)
     available = separated is not None, hat_pair is not None
-    method, reason = _preferred(fleet[:, -1], available, len(members))
+    method, reason = _preferred(fleet[:, -1], available, len(members), covariance)
     preferred = METHODS.index(method or METHODS[0])
     tables = _table(cells, number)
     # the error of the cell, else that of its layer, else that of the fleet
@@ -437,7 +444,7 @@ def observation_errors(
         "fleet_observation_error_by_method": (("way", "state"), _root(fleet.swapaxes(1, 2))),
         "weight_gain": (cell[:2], _gain(tables[..., preferred])),
         "fleet_weight_gain": ((), _gain(fleet[..., preferred])),
-        "reference_error_covariance": ((), fleet[:, -1, 1] - fleet[:, -1, 0]),
+        "reference_error_covariance": ((), covariance + fleet[:, -1, 1] - fleet[:, -1, 0]),
     }
     of_aircraft = _root(widened(aircraft, days)).swapaxes(1, 2)
     drawn_of["aircraft_observation_error"] = ("aircraft", "state"), of_aircraft
@@ -500,8 +507,13 @@ def _separation(
     return np.where(resolved, by_cell, np.nan), fleet, aircraft
 
 
-def _preferred(fleet: Floats, available: tuple[bool, bool], members: int) -> tuple[str, str]:
-    """Preferred method by the fleet's variances (draw, method), and the reason; or no method."""
+def _preferred(
+    fleet: Floats, available: tuple[bool, bool], members: int, assumed: float
+) -> tuple[str, str]:
+    """Preferred method by the fleet's variances (draw, method), and the reason; or no method.
+
+    Those of the hat are for an ``assumed`` covariance of the references' errors.
+    """
     if not any(available):
         return "", "too few neighbouring aircraft or days, and only one reference"
     words = "the references' errors"
@@ -510,12 +522,13 @@ def _preferred(fleet: Floats, available: tuple[bool, bool], members: int) -> tup
     if not available[1] or len(fleet) == 1:
         reason = "only one reference" if members < 2 else "the references' covariance is not known"
         return METHODS[0], reason
-    shared = fleet[:, 1] - fleet[:, 0]
+    shared = assumed + fleet[:, 1] - fleet[:, 0]
     low, high = interval(shared[1:])
     widths = np.ptp(interval(fleet[1:]), axis=0)
     estimate = f"covariance of {words} {shared[0]:.2f} ({low:.2f} to {high:.2f}) m2/s2"
-    if low <= 0.0 <= high and widths[1] < widths[0]:
-        return METHODS[1], f"{estimate}: not significant"
+    if low <= assumed <= high and widths[1] < widths[0]:
+        different = f"different from the assumed {assumed:g}" if assumed else "significant"
+        return METHODS[1], f"{estimate}: not {different}"
     return METHODS[0], f"{estimate}: the hat attributes it to the reports"
 
 
