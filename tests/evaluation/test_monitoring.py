@@ -240,6 +240,15 @@ def test_an_outdated_table_on_board_is_reported(stepped, monitored, tmp_path):
         read_tables(path, reference="ruc")
 
 
+def test_by_default_the_winds_are_compared_with_the_members_of_the_pool():
+    ds, _ = fleet(5, Setting(aircraft=3, days=20, references=3), amplitude=2.0)
+    members = ["ruc", "rtfdaa"]
+    fits = fit_deviation(ds, pools={"ruc+rtfdaa": members}, shared_error=False)
+    fits = add_tables(fits, ds)
+    states = find_events(ds, fits).states
+    assert states == find_events(ds, fits, members=members).states
+
+
 def test_rising_disagreement_of_the_corrected_winds_is_reported():
     ds, _ = fleet(5, SMALL, amplitude=2.0)
     fits = fitted(ds)

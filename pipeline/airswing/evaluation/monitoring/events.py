@@ -30,7 +30,7 @@ from airswing.compass.correction import (
     require_tables,
 )
 from airswing.errors import InputError
-from airswing.evaluation.innovations import Ints, chunks
+from airswing.evaluation.innovations import Ints, chunks, members_of
 from airswing.evaluation.monitoring.changes import (
     CompassWatch,
     date_of,
@@ -228,8 +228,8 @@ def find_events(
     reference : str, optional
         Reference or pool of the fits; the first pool, else the first reference, by default.
     members : list of str, optional
-        References whose mean the reports are compared with; by default ``reference`` itself where
-        the headings have it, else all.
+        References whose mean the reports are compared with; by default the members of
+        ``reference`` (:func:`airswing.evaluation.innovations.members_of`).
     tables_in_use : mapping of str to UnitTable, optional
         Tables on board, by aircraft. By default those of ``previous``, else those of the fits.
     compass : CompassWatch, optional
@@ -252,8 +252,7 @@ def find_events(
     True
     """
     name, aircraft = reference or main_reference(fits), headings["aircraft"].to_numpy().astype(str)
-    references = headings["reference"].to_numpy().astype(str).tolist()
-    members = members or ([name] if name in references else references)
+    members = members or members_of(headings, name)
     winds = wind_days(headings, members, corrected=corrected)
     last = int(winds["day"].to_numpy().max(initial=0)) if until is None else _day(until)
     winds = winds[winds["day"] <= last]
