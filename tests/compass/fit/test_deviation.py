@@ -13,6 +13,7 @@ from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
 from airswing.flags import CORRECTION, STATUS, published
 from airswing.gap.simulation.effects_file import effects_of_fits
+from airswing.products.ragged import some_reports
 
 
 def errors_of(fits):
@@ -246,6 +247,15 @@ def test_the_improvement_is_that_of_the_winds():
     stated, error = (fits[name].to_numpy() for name in names)
     assert (fits["status"] == STATUS["ok"]).all()
     assert (np.abs(np.nanmean(later, axis=1) - stated) < 4 * error + 0.1 * stated).all()
+
+
+def test_one_day_with_reports_that_are_no_gross_errors_holds_nothing_out():
+    setting = Setting(aircraft=1, days=6, flights_a_day=1, reports_a_flight=400, legs=40)
+    headings, _ = fly([[2.0, 8.0, -6.0, 0.0, 0.0]], setting, 1)
+    first = headings["flight"].to_numpy() == 0
+    headings["heading_error"] += np.where(first, 0.0, 170.0)
+    few = some_reports(headings, first | (np.arange(first.size) % 400 == 0))
+    assert np.isnan(fit_deviation(few)["held_out_improvement"].item())
 
 
 @pytest.mark.parametrize("kind", ["half", "twice", "opposite"])

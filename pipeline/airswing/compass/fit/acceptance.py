@@ -382,13 +382,14 @@ def _held_out_improvement(
 ) -> float | None:
     """Decrease of the mean square vector disagreement on held-out days, m2 s-2.
 
-    None with fewer than two parts with reports.
+    None with fewer than two parts with reports that are not gross errors.
     """
     used = np.flatnonzero(theta)
-    parts = np.bincount(fit.fold, minlength=FOLDS)
-    if not used.size or np.count_nonzero(parts) < 2:
-        return None
     weight = np.sum([sums.weight for sums in fit.held_out], axis=0)
+    seen = weight > 0
+    number = np.count_nonzero(seen)
+    if not used.size or number < 2:
+        return None
     influence = fit.flight[:, used] @ _matched(fit.covariance, covariance, used)
     left_out = np.zeros((FOLDS, COMPASS))
     np.add.at(left_out, (fit.fold[:, np.newaxis], used), influence)
@@ -399,11 +400,9 @@ def _held_out_improvement(
         bias *= min(1.0, MAX_BIAS / max(float(np.hypot(*bias)), 1e-9))
         gain += 2.0 * (at * (sums.linear - sums.bias @ bias)).sum(axis=1)
         gain -= np.einsum("fi,fij,fj->f", at, sums.square, at)
-    seen = weight > 0
     mean = float(gain.sum() / weight.sum())
     # from the scatter between the parts
     difference = gain[seen] - mean * weight[seen]
-    number = np.count_nonzero(seen)
     error = np.sqrt(float(difference @ difference) * number / (number - 1)) / weight.sum()
     table["held_out_improvement"][k], table["held_out_improvement_standard_error"][k] = mean, error
     return mean
