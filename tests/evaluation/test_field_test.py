@@ -181,5 +181,5 @@ def test_an_absent_flag_rejects_no_report_and_an_unknown_policy_is_refused():
     without = fleet.headings.drop_vars(["roll_flag", "temperature_qc"])
     policies = {"roll": "reject_bad", "temperature_qc": "reject_fail"}
     assert field_test_of(without, fleet, **policies)["groups"] == run(fleet)["groups"]
-    with pytest.raises(ConfigError, match="field_test.roll"):
+    with pytest.raises(ConfigError, match=r"field_test\.roll"):
         run(fleet, roll="good")

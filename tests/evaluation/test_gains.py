@@ -226,3 +226,12 @@ def test_an_aircraft_without_a_fit_is_last_with_its_reason(ranked):
     last = rank_aircraft(few, fit_deviation(few), **AGAINST)[-1]
     assert (last["aircraft"], last["rank"]) == ("N000", None)
     assert "too_few_reports" in last["why"]
+
+
+def test_a_fit_without_reports_against_the_reference_states_that_as_the_reason(ranked):
+    headings, fits = ranked[0], fit_deviation(ranked[0])
+    first = np.arange(headings.sizes["report"]) < int(headings["row_size"][0])
+    screened = headings.assign(screening=headings["screening"] + first)
+    last = rank_aircraft(screened, fits, **AGAINST)[-1]
+    assert (last["aircraft"], last["status"]) == ("N000", "ok")
+    assert last["why"] == "no screened report has a wind of the reference"

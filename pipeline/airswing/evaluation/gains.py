@@ -196,8 +196,11 @@ def rank_aircraft(
                 "expected_gain_kt": None,
             }
             entries.append(entry)
-            if not published(status) or not rows.size:
+            if not published(status):
                 entry["why"] = f"no published fit: {words[status]}"
+                continue
+            if not rows.size:
+                entry["why"] = "no screened report has a wind of the reference"
                 continue
             before, gain, spread = expected_gain(
                 wind[:, rows],
