@@ -17,7 +17,6 @@ from airswing.flags import GROUND_VECTOR_SOURCE, REPORTED_HEADING_USE
 from airswing.physics.triangle import (
     air_vector,
     bearing,
-    speed_of_vector,
     vector_from_bearing,
     wind_components,
     wind_from_triangle,
@@ -52,7 +51,7 @@ def flown(*, flights=16, fixes=9, aircraft=2, airspeed_scale=1.0, position=0.0, 
     track = np.radians(back_azimuth + 180.0)
     ground = vector_from_bearing(speed.ravel(), track)
     air = air_vector(*ground, *WIND)
-    heading, airspeed = np.degrees(bearing(*air)), speed_of_vector(*air)
+    heading, airspeed = np.degrees(bearing(*air)), np.hypot(*air)
     epoch = np.datetime64("2009-03-14T12:00", "ns")
     since = (seconds + 86400.0 * np.arange(total)[:, np.newaxis]).ravel()
     e, n, _ = (component[0] for component in ppigrf.igrf(lon, lat, 9.0, pd.Timestamp("2009-03-20")))

@@ -66,10 +66,10 @@ def deviation_curve(coefficients: ArrayLike, heading: ArrayLike) -> Array:
 
 
 def curve_standard_error(covariance: ArrayLike, heading: ArrayLike, gain: ArrayLike = 1.0) -> Array:
-    """Standard error of a deviation curve, (n,), degrees.
+    """Standard error of a deviation curve, (...), degrees.
 
-    ``covariance`` (n, 5, 5) or (5, 5) in degree2; ``heading`` (n,) indicated magnetic, degrees;
-    ``gain`` (n,) the factor of the one-cycle part (B, C).
+    ``covariance`` (..., 5, 5) in degree2; ``heading`` (...) indicated magnetic, degrees; ``gain``
+    (...) the factor of the one-cycle part (B, C). Leading dimensions broadcast.
     """
     basis = deviation_basis(np.radians(heading), gain)
     product = np.einsum("...ij,j...->i...", np.asarray(covariance, dtype=np.float64), basis)
@@ -235,10 +235,9 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
     require_tables(fits)
     dims = "reference", "aircraft"
     usable = xr.DataArray(published(fits["status"]), dims=fits["status"].dims)
-    basis = deviation_basis(np.radians(NODES))
     covariance = fits["deviation_covariance"].transpose(*dims, ...).to_numpy()
-    variance = np.einsum("in,raij,jn->ran", basis, covariance, basis)
-    error = xr.DataArray(np.sqrt(np.maximum(variance, 0.0)), dims=(*dims, "node"))
+    by_node = curve_standard_error(covariance[:, :, np.newaxis], NODES[np.newaxis, np.newaxis])
+    error = xr.DataArray(by_node, dims=(*dims, "node"))
     rows = xr.Dataset(
         {
             "status": fits["status"],

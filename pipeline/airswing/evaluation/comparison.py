@@ -35,7 +35,7 @@ from airswing.evaluation.innovations import Chunk, Floats, Ints, chunks, member_
 from airswing.evaluation.resampling import normal_interval
 from airswing.flags import PHASE, SCREENING
 from airswing.physics.compass_deviation import COEFFICIENTS
-from airswing.physics.triangle import wrap_degrees
+from airswing.physics.triangle import along_cross, wrap_degrees
 from airswing.products.ragged import time_span
 from airswing.products.whole_files import Findings
 
@@ -269,8 +269,7 @@ class PairSums:
         heading, magnetic = rows["heading"][selected], rows["magnetic_heading"][selected]
         cross, along = paired_design(magnetic, heading, rows["airspeed"][selected])
         # psi_err is n . (W_ref - W_rep) / V, and |V_A| - |V'_A| is h . (W_ref - W_rep)
-        y_cross = du * np.cos(heading) - dv * np.sin(heading)
-        y_along = du * np.sin(heading) + dv * np.cos(heading)
+        y_along, y_cross = along_cross(du, dv, heading)
         # normal matrix and, last, the right side of each day: (day, p, p + 1)
         order = np.argsort(day, kind="stable")
         days, start = np.unique(day[order], return_index=True)

@@ -49,6 +49,7 @@ from airswing.evaluation.resampling import (
 )
 from airswing.flags import SCREENING, STATUS, published
 from airswing.physics.compass_deviation import deviation_basis
+from airswing.physics.triangle import along_cross
 from airswing.products.ragged import row_bounds, time_span
 from airswing.units import KNOT
 
@@ -92,13 +93,10 @@ def expected_gain(
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     normal = np.random.default_rng(seed).standard_normal((draws, deviation.size))
-    east, north = np.cos(heading[some]), -np.sin(heading[some])
-    across = (after[0, some] * east + after[1, some] * north)[:, np.newaxis]
-    along = ((after[0, some] * north - after[1, some] * east) ** 2)[:, np.newaxis]
+    along, across = np.array(along_cross(*after[:, some], heading[some]))[..., np.newaxis]
     turned = (airspeed[some] * np.sin(fitted[some]))[:, np.newaxis] - across
     off = (basis[some] * airspeed[some, np.newaxis]) @ (root @ normal.T)
-    drawn = np.sqrt((off + turned) ** 2 + along) - np.sqrt((off - across) ** 2 + along)
-    drawn = drawn.mean(axis=0)
+    drawn = (np.hypot(off + turned, along) - np.hypot(off - across, along)).mean(axis=0)
     # about their mean, so that the squares of the sums do not cancel
     sums = cluster_sums(gains - gains.mean(), np.zeros(gains.size, np.int64), day, 1)
     by_day = float(clustered_mean(sums)[1][0])

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import orth
 from scipy.special import ndtri, stdtrit
 
 from airswing.units import NORMAL_95
@@ -124,8 +125,7 @@ def permutation_test(
         return undefined
     columns = [np.ones(number), *([] if covariate is None else [covariate])]
     # an orthonormal basis replaces the hat matrix
-    directions, sizes, _ = np.linalg.svd(np.column_stack(columns), full_matrices=False)
-    span = directions[:, sizes > 1e-12 * sizes[0]]
+    span = orth(np.column_stack(columns), rcond=1e-12)
     fitted = span @ (span.T @ outcome)
     group = treated.astype(float)
     group = group - span @ (span.T @ group)

@@ -64,11 +64,6 @@ def bearing(east: ArrayLike, north: ArrayLike) -> Array:
     return np.asarray(np.where((u == 0.0) & (v == 0.0), np.nan, angle))
 
 
-def speed_of_vector(east: ArrayLike, north: ArrayLike) -> Array:
-    """Length of a vector (m s-1)."""
-    return np.asarray(np.hypot(np.asarray(east, np.float64), np.asarray(north, np.float64)))
-
-
 def vector_from_bearing(speed: ArrayLike, direction: ArrayLike) -> tuple[Array, Array]:
     """East and north components (m s-1) of a vector of given length pointing *to* a direction.
 
@@ -96,7 +91,7 @@ def wind_from_direction(eastward: ArrayLike, northward: ArrayLike) -> tuple[Arra
     Radians in [0, 2 pi); NaN where calm.
     """
     u, v = np.asarray(eastward, np.float64), np.asarray(northward, np.float64)
-    return speed_of_vector(u, v), bearing(-u, -v)
+    return np.asarray(np.hypot(u, v)), bearing(-u, -v)
 
 
 def direction_in_degrees(
@@ -166,8 +161,8 @@ def airspeed_error(
 
     Arguments as for `heading_error`; positive when the unit's airspeed is too high.
     """
-    used = speed_of_vector(air_east, air_north)
-    return np.asarray(used - speed_of_vector(implied_east, implied_north))
+    used, implied = np.hypot(air_east, air_north), np.hypot(implied_east, implied_north)
+    return np.asarray(used - implied, dtype=np.float64)
 
 
 def wind_from_triangle(

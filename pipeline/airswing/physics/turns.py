@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from airswing.flags import ROLL
 from airswing.physics.atmosphere import GRAVITY
+from airswing.physics.bank import LIMIT
 from airswing.physics.triangle import wrap_signed
 
 Array = NDArray[np.float64]
@@ -47,7 +48,6 @@ WANDER = 0.7
 LEAST_TURN = float(np.radians(2.0))
 # Median bank of a turn, and the spread of its logarithm.
 BANK, BANK_SPREAD = float(np.radians(12.0)), 0.7
-FLAGGED = float(np.radians(5.0))  # Bank at which the roll flag turns bad, rad
 WRONG_FLAG = -3.0  # Logarithm of the odds that a roll flag is wrong
 TURN = float(np.radians(60.0))  # Standard deviation of turns, rad
 # Prior odds that there is no turn, within a flight and at its ends.
@@ -316,7 +316,7 @@ def _prior(window: _Window, turns: _Turns, turn: Single) -> Single:
     usual = np.log(np.maximum(bank, np.float32(1e-3)) / np.float32(BANK)) / BANK_SPREAD
     mean = window.duration.mean(axis=1)[:, None].astype(np.float32)
     log = -0.5 * usual**2 - np.log(turns.length / mean) - np.log(turns.length.shape[1])
-    steep = bank > FLAGGED
+    steep = bank > LIMIT
     for k in range(REACH - 1, REACH + 2):
         log = log + turns.banked(k, steep)
     return np.asarray(log, dtype=np.float32)

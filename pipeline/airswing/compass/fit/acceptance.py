@@ -28,6 +28,7 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from airswing.compass.fit.kernel import COMPASS, FOLDS, AircraftFit, HeldOut
 from airswing.compass.fit.pooling import (
@@ -356,8 +357,6 @@ def _publish_offsets(
 
 def _improves(table: _Table, k: int, fit: AircraftFit, theta: Array, covariance: Array) -> bool:
     """Set status and residuals from held-out days; False where nothing is to be published."""
-    from scipy.special import chdtri
-
     gain = _held_out_improvement(table, k, fit, theta, covariance)
     # on few headings no bias was fitted, and an error of the airspeed looks like one
     biased = fit.free[-1] > COMPASS and fit.held_out

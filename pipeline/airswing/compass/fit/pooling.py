@@ -32,6 +32,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from airswing.compass.fit.kernel import COMPASS, AircraftFit
 from airswing.compass.fleet.field import Array
@@ -81,8 +82,6 @@ class Offset:
 
 def t_inflation(freedom: Array) -> Array:
     """Factor with which +-1.96 standard errors are Student's 95 % interval."""
-    from scipy.special import stdtrit
-
     # scipy gives NaN at infinity
     return np.asarray(stdtrit(np.clip(freedom, 1.0, 1e6), 0.975) / NORMAL_95)
 

@@ -34,6 +34,7 @@ from airswing.compass.fleet.field import (
     as_sparse,
     estimate_variances,
 )
+from airswing.products.ragged import aircraft_groups
 
 UNKNOWNS = SLOPES + 2
 """Unknowns of an aircraft: A to E, airspeed scale, bias eastward and northward."""
@@ -292,10 +293,5 @@ def _direct_information(precision: Precision, aircraft: int) -> Array:
 def _runs(segments: Index, count: Index, day: Index, most: int) -> list[Index]:
     """Segments of whole days with at most `most` blocks together, at least one day."""
     opens = np.flatnonzero(np.diff(day, prepend=-1))
-    starts, total = [0], 0
-    for begin, blocks in zip(opens.tolist(), np.add.reduceat(count, opens).tolist(), strict=True):
-        if total and total + blocks > most:
-            starts.append(begin)
-            total = 0
-        total += blocks
-    return np.split(segments, starts[1:])
+    runs = aircraft_groups(np.add.reduceat(count, opens), most)
+    return np.split(segments, [opens[run.start] for run in runs[1:]])

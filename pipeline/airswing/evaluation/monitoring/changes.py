@@ -380,8 +380,7 @@ def fit_by_window(
     ``status`` and, where the fit is published, ``offset``, ``amplitude``, ``phase`` and ``A`` to
     ``E``, each with ``*_standard_error``; degrees.
     """
-    members = list(pools[reference])
-    mean = {reference: members} if len(members) > 1 else {}
+    pool = {reference: list(pools[reference])}
     step = 1 if window == "month" else 3
 
     def number(reports: xr.Dataset) -> NDArray[np.int64]:
@@ -394,10 +393,11 @@ def fit_by_window(
     for block in blocks(headings, ["time", "screening"]):
         windows.update(number(block)[block["screening"].to_numpy() == 0].tolist())
     sums: dict[int, list[xr.DataArray]] = {key: [] for key in windows}
-    for block in blocks(headings.sel(reference=members), FITTED_FROM):
+    for block in blocks(headings.sel(reference=pool[reference]), FITTED_FROM):
         place = number(block)
         for key, parts in sums.items():
-            parts.append(sum_aircraft(some_reports(block, place == key), pools=mean, **fit_options))
+            reports = some_reports(block, place == key)
+            parts.append(sum_aircraft(reports, pools=pool, alone=False, **fit_options))
     entries, words = [], {code: name for name, code in STATUS.items()}
     for key in windows:
         fits = fit_sums(xr.concat(sums.pop(key), "aircraft")).sel(reference=reference)

@@ -31,14 +31,13 @@ MONTH_BEFORE = 28
 """Days before a month from which its errors are estimated; with fewer, the month is used."""
 LIKELY = 3.0
 """Log likelihood ratio above which another aircraft of a small fleet also seems to have stepped."""
-_DEGREE = np.pi / 180.0
 
 
 def _of_compass(angles: list[float], scale: float = 0.0, winds: float = 0.0) -> Floats:
     """Values of the twelve unknowns: nine angles (degrees), airspeed scale, two winds (m/s)."""
     degrees = np.zeros(9)
     degrees[: len(angles)] = angles
-    return np.concatenate([degrees * _DEGREE, [scale, winds, winds]])
+    return np.concatenate([np.radians(degrees), [scale, winds, winds]])
 
 
 @dataclass(frozen=True)

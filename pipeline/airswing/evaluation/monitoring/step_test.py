@@ -121,11 +121,9 @@ class StepTest:
 
     def innovation(self, craft: Ints, weight: Floats, right: Floats) -> tuple[Floats, Floats]:
         """Weight and score of a day's difference from the level, including the level's error."""
-        level, covariance = self.level(craft)
-        scale = self.scale(craft)
-        weight = weight / scale[:, np.newaxis, np.newaxis]
-        score = right / scale[:, np.newaxis] - np.einsum("nij,nj->ni", weight, level)
-        return _marginal(weight, score, covariance)
+        sums, scale = self.sums[craft], self.scale(craft)
+        before = sums["weight"], sums["limited"]
+        return _relative(self.law, self.noise, before, (weight, right), scale, scale)
 
     def add(self, day: int, craft: Ints, weight: Floats, right: Floats) -> None:
         """Add a later day of aircraft ``craft``, distances limited to the law's farthest."""
@@ -237,18 +235,17 @@ def step_of_series(
     places = np.arange(FEWEST_DAYS, day.size - FEWEST_AFTER + 1)
     if not places.size:
         return None
-    scales = np.full(places.size, scale)
+    scales = np.asarray(scale)
     inflation = np.array([noise.inflation(day[-1] - day[k] + 1.0) for k in places])
     split = day.size // 2
     # the second time with the levels on both sides of the date found first
     for _ in range(2):
         share = np.ones(day.size)
         for side in (slice(0, split), slice(split, None)):
-            level, covariance = _level(law, noise, weight[side].sum(0), right[side].sum(0), scale)
-            score = right[side] - weight[side] @ level
-            distance, freedom = _distance(
-                *_marginal(weight[side] / scale, score / scale, covariance), law.shapes.max(axis=0)
-            )
+            days = weight[side], right[side]
+            total = days[0].sum(axis=0), days[1].sum(axis=0)
+            relative = _relative(law, noise, total, days, scales, scales)
+            distance, freedom = _distance(*relative, law.shapes.max(axis=0))
             share[side] = np.minimum((FREEDOM + freedom) / (FREEDOM + distance), 1.0)
         sums = (weight * share[:, np.newaxis, np.newaxis]).cumsum(axis=0)
         rights = (right * share[:, np.newaxis]).cumsum(axis=0)
