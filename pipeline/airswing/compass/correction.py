@@ -159,12 +159,9 @@ def add_tables(
     if sign not in SIGNS:
         remedy = f"One of: {', '.join(SIGNS)}"
         raise InputError("unknown sign of the table", field="table.sign", found=sign, remedy=remedy)
-    histogram: object = headings
+    histogram = headings
     if isinstance(headings, xr.Dataset):
         histogram = heading_histogram(headings, abscissa=fits.attrs.get("abscissa", "magnetic"))
-    if isinstance(histogram, xr.DataArray):
-        # the same aircraft, whether or not both name them
-        histogram = histogram.drop_vars("aircraft", errors="ignore").variable
     correction, residual = xr.apply_ufunc(
         _tables,
         fits["deviation"].transpose("reference", "aircraft", "coefficient"),

@@ -226,17 +226,15 @@ def _derive(ds: xr.Dataset, *, acceleration_density: float, widen: bool) -> xr.D
     )
 
 
-def _column(ds: xr.Dataset, name: str) -> Array:
-    """Values of a variable over the reports; NaN where it is absent."""
+def _column(ds: xr.Dataset, name: str, dim: str = "report") -> Array:
+    """Values of a variable over the reports, or over another dimension; NaN where it is absent."""
     if name not in ds:
-        return np.full(ds.sizes["report"], np.nan)
+        return np.full(ds.sizes[dim], np.nan)
     return np.asarray(ds[name].to_numpy(), dtype=np.float64)
 
 
 def _resolution(ds: xr.Dataset, name: str, aircraft: Index) -> Array:
-    if name not in ds:
-        return np.zeros(aircraft.size)
-    return np.nan_to_num(np.asarray(ds[name].to_numpy(), dtype=np.float64))[aircraft]
+    return np.nan_to_num(_column(ds, name, "aircraft"))[aircraft]
 
 
 def _choose_ground_vector(

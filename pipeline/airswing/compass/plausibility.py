@@ -229,17 +229,14 @@ def _clock_error(samples: Sequence[Sample]) -> float:
         row, partner, cell = row[inside], partner[inside], (day[row[inside]], shift[inside])
         np.add.at(number, cell, 1.0)
         np.add.at(total, cell, np.abs(wind[row] - reference[partner]) ** 2)
-    mean = np.divide(total, number, out=np.full(shape, np.nan), where=number >= FEWEST)
-    ratio = np.ones(shape[1])
-    for k in range(shape[1]):
-        gain = mean[:, _MOST_SHIFTS] - mean[:, k]
-        compared = np.isfinite(gain)
-        number_of_days = np.count_nonzero(compared)
-        if number_of_days >= FEWEST_DAYS:
-            significance = gain[compared].mean() / (gain[compared].std(ddof=1) + 1e-9)
-            if significance * np.sqrt(number_of_days) > 4.0:
-                ratio[k] = mean[compared, _MOST_SHIFTS].mean() / mean[compared, k].mean()
-    best = int(np.argmax(ratio))
+    mean = pd.DataFrame(total / np.where(number >= FEWEST, number, np.nan))
+    # by shift, over the days with enough pairs at that shift and at none
+    gain = mean.rsub(mean[_MOST_SHIFTS], axis=0)
+    days = gain.count()
+    significance = gain.mean() / (gain.std() + 1e-9) * np.sqrt(days)
+    shifted = mean.where(gain.notna()).mean()
+    ratio = (1.0 + gain.mean() / shifted).where((days >= FEWEST_DAYS) & (significance > 4.0), 1.0)
+    best = int(ratio.idxmax())
     return SHIFT * (_MOST_SHIFTS - best) if ratio[best] > CLOCK_RATIO else 0.0
 
 

@@ -74,10 +74,6 @@ def single_task(array: da.Array) -> Delayed:
     return task
 
 
-def _apply(function: Callable[..., xr.Dataset], arguments: list[Any], kwargs: Any) -> xr.Dataset:
-    return function(*(_dataset(*argument) for argument in arguments), **kwargs)
-
-
 def _empty(ds: xr.Dataset) -> xr.Dataset:
     """Dataset of the same variables in memory without reports and aircraft, zeros elsewhere."""
     variables = {}
@@ -115,9 +111,9 @@ def map_aircraft(
                 name: (v.dims, v.to_numpy() if v.chunks is None else single_task(v.data), v.attrs)
                 for name, v in dataset.variables.items()
             }
-            arguments.append((variables, list(dataset.coords), dataset.attrs))
+            arguments.append(delayed(_dataset)(variables, list(dataset.coords), dataset.attrs))
         sizes = {name: batch.sizes[name] for name in ("report", "aircraft")}
-        task = delayed(_apply)(function, arguments, kwargs)
+        task = delayed(function)(*arguments, **kwargs)
         blocks.append(lazy_dataset(task, template, sizes, batch))
     merged: dict[Hashable, xr.Variable] = {}
     for name, variable in blocks[0].variables.items():

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from airswing.flags import ROLL
 from airswing.physics.atmosphere import GRAVITY
+from airswing.physics.triangle import wrap_degrees, wrap_signed
 from airswing.units import METRES_PER_DEGREE
 
 Floats = NDArray[np.float64]
@@ -86,12 +87,11 @@ def bank_at_reports(
 def _chord_bank(latitude: Floats, longitude: Floats, interval: Floats) -> Floats:
     """Bank of the turn between the chords to the fixes before and after; 0 at flights' ends."""
     north = np.diff(latitude)
-    east = (np.mod(np.diff(longitude) + 180.0, 360.0) - 180.0) * np.cos(
-        np.radians(0.5 * (latitude[1:] + latitude[:-1]))
-    )
+    middle = np.radians(0.5 * (latitude[1:] + latitude[:-1]))
+    east = wrap_degrees(np.diff(longitude)) * np.cos(middle)
     track = np.arctan2(east, north)
     turn = np.zeros(latitude.size)
-    turn[1:-1] = np.mod(np.diff(track) + np.pi, 2 * np.pi) - np.pi
+    turn[1:-1] = wrap_signed(np.diff(track))
     length = METRES_PER_DEGREE * np.hypot(north, east)
     still = np.zeros(latitude.size, bool)  # a chord of no length has no direction
     still[1:-1] = (length[1:] == 0.0) | (length[:-1] == 0.0)

@@ -191,13 +191,9 @@ def _geodesic(lat: Array, lon: Array, start: Index, end: Index) -> tuple[Array, 
 
 
 def _same_run(segment: Index, offset: int) -> Mask:
-    same = np.zeros(segment.size, dtype=bool)
-    size = segment.size - abs(offset)
-    if size > 0:
-        first, second = (slice(0, size), slice(abs(offset), None))
-        linked = segment[first] == segment[second]
-        same[first if offset > 0 else second] = linked
-    return same
+    there = np.arange(segment.size) + offset
+    inside = (there >= 0) & (there < segment.size)
+    return np.asarray(inside & (segment.take(there, mode="clip") == segment))
 
 
 def _variances(before: Array, after: Array, density: float) -> tuple[Array, Array]:
@@ -293,9 +289,7 @@ def _reachable(fixes: _Fixes, bends: Index, rows: Index, offset: int) -> Mask:
     reachable = _same_run(fixes.segment, offset)[rows]
     if abs(offset) > 1:
         low, high = (rows, rows + offset - 1) if offset > 0 else (rows + offset, rows - 1)
-        size = fixes.seconds.size
-        inside = bends[np.clip(high, 0, size - 1)] - bends[np.clip(low, 0, size - 1)]
-        reachable &= inside == 0
+        reachable &= bends.take(high, mode="clip") == bends.take(low, mode="clip")
     return reachable
 
 
@@ -304,8 +298,7 @@ def _motion(fixes: _Fixes, before: Index, after: Index, density: float) -> Groun
     east_2, north_2, climb_2, arm_2 = _chord(fixes, after, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         # Parabola through three fixes: each chord counts by the other's duration.
-        share = np.where(after == 0, 1.0, arm_2 / (arm_1 + arm_2))
-        share = np.where(before == 0, 0.0, share)
+        share = np.select([before == 0, after == 0], [0.0, 1.0], arm_2 / (arm_1 + arm_2))
     east, north, climb = (
         # of two chords either may be absent
         np.select([share == 1.0, share == 0.0], [back, front], share * back + (1.0 - share) * front)

@@ -81,7 +81,7 @@ def wind_components(speed: ArrayLike, direction: ArrayLike) -> tuple[Array, Arra
     length, angle = np.asarray(speed, np.float64), np.asarray(direction, np.float64)
     east, north = vector_from_bearing(-length, angle)
     # NaN times zero is NaN, but a calm wind is zero for any direction.
-    calm = np.broadcast_to(length == 0.0, east.shape)
+    calm = length == 0.0
     return np.asarray(np.where(calm, 0.0, east)), np.asarray(np.where(calm, 0.0, north))
 
 

@@ -228,27 +228,22 @@ class _Turns:
         return np.asarray(np.clip((at - self.begin) / self.length, 0.0, 1.0))
 
     @cached_property
-    def sums(self) -> list[tuple[Single, Single]]:
-        """Integral up to each fix of the completed part, and of its square, each (m, h) s."""
+    def sums(self) -> list[Single]:
+        """Integral up to each fix of the completed part, and of its square, (2, m, h) s."""
         out = []
         for k in range(2 * REACH + 1):
             at = self.window.times[:, k : k + 1].astype(np.float32)
             share = self.completed(k)
             beyond = np.maximum(at - self.end, np.float32(0.0))
-            out.append(
-                (
-                    np.asarray(share * share * self.length * np.float32(0.5) + beyond, np.float32),
-                    np.asarray(share**3 * self.length * np.float32(1 / 3) + beyond, np.float32),
-                )
-            )
+            integral = share * share * self.length * np.float32(0.5)
+            of_square = share**3 * self.length * np.float32(1 / 3)
+            out.append(np.stack([integral, of_square]) + beyond)
         return out
 
-    def means(self, leg: int) -> tuple[Single, Single]:
-        """Mean and mean square over a leg of the completed part."""
+    def means(self, leg: int) -> Single:
+        """Mean and mean square over a leg of the completed part, (2, m, h)."""
         duration = self.window.duration[:, leg : leg + 1].astype(np.float32)
-        low, high = self.sums[leg], self.sums[leg + 1]
-        mean, square = (high[0] - low[0]) / duration, (high[1] - low[1]) / duration
-        return np.asarray(mean, np.float32), np.asarray(square, np.float32)
+        return np.asarray((self.sums[leg + 1] - self.sums[leg]) / duration)
 
     def banked(self, k: int, steep: NDArray[np.bool_]) -> Single:
         """Log odds of the roll flag at fix `k`, where turns are `steep` enough to set it."""

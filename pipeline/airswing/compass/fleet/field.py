@@ -256,10 +256,8 @@ def _middle(longitude: Array) -> float:
     degree = np.floor(longitude % 360.0).astype(np.int64) % 360
     count = np.bincount(degree, minlength=360)
     # twice around, for a gap across the meridian where counting begins
-    least = np.tile(count == count.min(), 2)
-    run = np.zeros(720, dtype=np.int64)
-    for k in range(1, 720):
-        run[k] = (run[k - 1] + 1) * least[k]
+    least, place = np.tile(count == count.min(), 2), np.arange(720)
+    run = place - np.maximum.accumulate(np.where(least, 0, place))
     last = int(np.argmax(np.minimum(run, 360)))
     return (last + 1 - float(run[last]) / 2.0 + 180.0) % 360.0
 

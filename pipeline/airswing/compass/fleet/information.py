@@ -93,7 +93,7 @@ class Reference:
             self.worth += np.bincount(stretch.aircraft, stretch.weight, self.aircraft)
             self.lasting_worth += stretch.lasting_design.T @ stretch.weight
             weight += float(precision.weight.sum())
-            self.direct += _direct_information(precision, self.aircraft)
+            self.direct += _direct_information(precision, stretch.aircraft, self.aircraft)
             self._add_scores(precision, stretch.residual, self.start)
         # scaling from the chosen segments to all blocks, where the information depends on the
         # field: F N F' for the aircraft's unknowns, N times ``gain`` for the lasting part's
@@ -102,7 +102,7 @@ class Reference:
             # the ridge gives a factor where an aircraft has no information on a parameter
             trace = np.trace(self.direct, axis1=1, axis2=2)[:, np.newaxis, np.newaxis]
             ridge = 1e-9 * trace * np.eye(UNKNOWNS)
-            few = _direct_information(self.sample, self.aircraft)
+            few = _direct_information(self.sample, sample.aircraft, self.aircraft)
             thin, full = (np.linalg.cholesky(matrix + ridge) for matrix in (few, self.direct))
             self.factor = full @ np.linalg.inv(thin)
             self.gain = weight / float(self.sample.weight.sum())
@@ -192,15 +192,8 @@ class Reference:
         stretch = self.sample.stretch
         _, day = np.unique(self._day_of(stretch.segments), return_inverse=True)
         count = int(day.max()) + 1
-        group = (stretch.aircraft * count + day[stretch.segment])[stretch.opens]
-        days = np.zeros((self.aircraft * count, UNKNOWNS, UNKNOWNS))
-        for component, unknowns in enumerate(OF_COMPONENT):
-            design = _design(stretch, component)
-            weighted = self.sample.within_pieces(design)
-            for i, row in zip(unknowns, design, strict=True):
-                pieces = np.add.reduceat(weighted * row, stretch.opens, axis=1)
-                for j, values in zip(unknowns, pieces, strict=True):
-                    days[:, i, j] += np.bincount(group, values, minlength=days.shape[0])
+        group = stretch.aircraft * count + day[stretch.segment]
+        days = _direct_information(self.sample, group, self.aircraft * count)
         days = days.reshape(self.aircraft, count, UNKNOWNS, UNKNOWNS)
         total = days.sum(axis=1)
         trace = np.trace(total, axis1=1, axis2=2)[:, np.newaxis, np.newaxis]
@@ -273,20 +266,21 @@ def _design(stretch: Stretch, component: int) -> Array:
     return np.vstack([stretch.slopes[component], np.ones(stretch.weight.size)])
 
 
-def _direct_information(precision: Precision, aircraft: int) -> Array:
-    """Information about each aircraft's unknowns with the field known, (aircraft, 8, 8)."""
+def _direct_information(precision: Precision, group: Index, groups: int) -> Array:
+    """Information about an aircraft's unknowns with the field known, (groups, 8, 8).
+
+    ``group`` (n,) is that of each block, 0 to ``groups - 1``; all blocks of a piece have the same.
+    """
     stretch = precision.stretch
-    information = np.zeros((aircraft, UNKNOWNS, UNKNOWNS))
-    for k, (i, j) in enumerate(stretch.of_aircraft(aircraft)):
-        if i == j:
-            continue
-        first, last = np.searchsorted(stretch.opens, (i, j))
-        for component, unknowns in enumerate(OF_COMPONENT):
-            design = np.vstack([stretch.slopes[component, :, i:j], np.ones(j - i)])
-            weighted = design * precision.weight[i:j]
-            sums = np.add.reduceat(weighted, stretch.opens[first:last] - i, axis=1)
-            square = weighted @ design.T - (sums * precision.tied[first:last]) @ sums.T
-            information[k][np.ix_(unknowns, unknowns)] += square
+    of_piece = group[stretch.opens]
+    information = np.zeros((groups, UNKNOWNS, UNKNOWNS))
+    for component, unknowns in enumerate(OF_COMPONENT):
+        design = _design(stretch, component)
+        weighted = precision.within_pieces(design)
+        for i, row in zip(unknowns, design, strict=True):
+            pieces = np.add.reduceat(weighted * row, stretch.opens, axis=1)
+            for j, values in zip(unknowns, pieces, strict=True):
+                information[:, i, j] += np.bincount(of_piece, values, groups)
     return information
 
 

@@ -255,8 +255,8 @@ def _not_gross(across: Floats, ahead: Floats, cross: Floats, along: Floats) -> N
 
 def rows_by_aircraft(aircraft: Ints, number: int) -> list[slice]:
     """Rows of each aircraft, in sorted sums."""
-    edges = np.searchsorted(aircraft, np.arange(number + 1))
-    return [slice(int(low), int(high)) for low, high in pairwise(edges)]
+    bounds = row_bounds(np.bincount(aircraft, minlength=number))
+    return [slice(*ends) for ends in np.transpose(bounds).tolist()]
 
 
 def step_numbers(step: Step) -> Content:
