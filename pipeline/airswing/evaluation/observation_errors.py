@@ -44,6 +44,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from airswing.compass.fit.kernel import group_sums
 from airswing.evaluation.innovations import (
     CELLS,
     LAYER_PRESSURES,
@@ -490,8 +491,7 @@ def _separation(
     order, classes = np.argsort(disagreement, kind="stable"), np.empty(archive.number, np.int64)
     count = min(MOST_CLASSES, archive.number)
     classes[order] = np.arange(archive.number) * count // archive.number
-    by_class = np.zeros((CELLS, count))
-    np.add.at(by_class.T, classes, flown)
+    by_class = group_sums(flown, classes, count).T
     amplitude = ratio(
         archive.by("cell", "day", "corrected").sum(axis=1), archive.reports_by_day.sum(axis=1)
     )

@@ -28,7 +28,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -361,10 +360,6 @@ class Stretch:
     def passing_design(self) -> sparse.csr_matrix:
         """Functions of the passing part at every block, (n, segment * nodes)."""
         return as_sparse(self.node, self.share, self.segments.size * self.nodes)
-
-    def of_aircraft(self, aircraft: int) -> list[tuple[int, int]]:
-        """First and one past the last block of each of some aircraft."""
-        return list(pairwise(np.searchsorted(self.aircraft, np.arange(aircraft + 1)).tolist()))
 
 
 def as_sparse(index: NDArray[np.integer], value: Array, columns: int) -> sparse.csr_matrix:

@@ -214,16 +214,15 @@ class Reference:
         for precision in self._precisions():
             stretch = precision.stretch
             residual = stretch.residual - (stretch.lasting_design @ lasting.T).T
-            for k, (i, j) in enumerate(stretch.of_aircraft(a)):
-                residual[:, i:j] -= theta[k] @ stretch.slopes[:, :, i:j] + bias[k][:, np.newaxis]
+            residual -= np.einsum("ckn,nk->cn", stretch.slopes, theta[stretch.aircraft])
+            residual -= bias[stretch.aircraft].T
             self._add_scores(precision, residual, scores)
         return scores
 
     def _stretch(self, segments: Index) -> Stretch:
         """Blocks of some segments; coefficients that are not fitted have no slope."""
         stretch = Stretch.of([sums.of(segments) for sums in self.blocks], self.basis)
-        for k, (i, j) in enumerate(stretch.of_aircraft(self.aircraft)):
-            stretch.slopes[:, ~self.free[k], i:j] = 0.0
+        np.multiply(stretch.slopes, self.free[stretch.aircraft].T, out=stretch.slopes)
         return stretch
 
     def _precisions(self) -> Iterator[Precision]:

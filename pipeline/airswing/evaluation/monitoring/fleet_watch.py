@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from airswing.compass.fit.kernel import group_sums
 from airswing.evaluation.innovations import Floats, Ints
 from airswing.evaluation.monitoring.step_test import Law, Noise, Step, StepTest
 
@@ -233,10 +234,7 @@ def _without_common(normal: Floats, rest: Floats, day: Ints, rows: Ints) -> Floa
     """Residuals minus the common part of the rows of a day, scaled for its degrees of freedom."""
     _, place = np.unique(day[rows], return_inverse=True)
     number = np.bincount(place)
-    total = np.zeros((number.size, *normal.shape[1:]))
-    right = np.zeros((number.size, rest.shape[1]))
-    np.add.at(total, place, normal[rows])
-    np.add.at(right, place, rest[rows])
+    total, right = (group_sums(sums[rows], place, number.size) for sums in (normal, rest))
     common = np.einsum("dij,dj->di", np.linalg.pinv(total, hermitian=True), right)
     few = number < 2 * FEWEST
     common[few] = 0.0
