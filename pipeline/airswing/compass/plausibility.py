@@ -236,7 +236,7 @@ def _clock_error(samples: Sequence[Sample]) -> float:
     significance = gain.mean() / (gain.std() + 1e-9) * np.sqrt(days)
     shifted = mean.where(gain.notna()).mean()
     ratio = (1.0 + gain.mean() / shifted).where((days >= FEWEST_DAYS) & (significance > 4.0), 1.0)
-    best = int(ratio.idxmax())
+    best = int(np.argmax(ratio))
     return SHIFT * (_MOST_SHIFTS - best) if ratio[best] > CLOCK_RATIO else 0.0
 
 

@@ -237,13 +237,13 @@ class _Turns:
             beyond = np.maximum(at - self.end, np.float32(0.0))
             integral = share * share * self.length * np.float32(0.5)
             of_square = share**3 * self.length * np.float32(1 / 3)
-            out.append(np.stack([integral, of_square]) + beyond)
+            out.append(np.asarray(np.stack([integral, of_square]) + beyond, np.float32))
         return out
 
     def means(self, leg: int) -> Single:
         """Mean and mean square over a leg of the completed part, (2, m, h)."""
         duration = self.window.duration[:, leg : leg + 1].astype(np.float32)
-        return np.asarray((self.sums[leg + 1] - self.sums[leg]) / duration)
+        return np.asarray((self.sums[leg + 1] - self.sums[leg]) / duration, np.float32)
 
     def banked(self, k: int, steep: NDArray[np.bool_]) -> Single:
         """Log odds of the roll flag at fix `k`, where turns are `steep` enough to set it."""
