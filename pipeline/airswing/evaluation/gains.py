@@ -93,7 +93,8 @@ def expected_gain(
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     normal = np.random.default_rng(seed).standard_normal((draws, deviation.size))
-    along, across = np.array(along_cross(*after[:, some], heading[some]))[..., np.newaxis]
+    components = along_cross(after[0, some], after[1, some], heading[some])
+    along, across = (component[:, np.newaxis] for component in components)
     turned = (airspeed[some] * np.sin(fitted[some]))[:, np.newaxis] - across
     off = (basis[some] * airspeed[some, np.newaxis]) @ (root @ normal.T)
     drawn = (np.hypot(off + turned, along) - np.hypot(off - across, along)).mean(axis=0)
