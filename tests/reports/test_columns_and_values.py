@@ -70,6 +70,9 @@ def test_a_bad_mapping_is_refused_by_name(columns, words):
     [
         (["tail", "time", "lat", "longitude", *WIND, "pressure_hPa"], {}, "Nearest there: lat"),
         ([*PLAIN, "wind_dir", "wind_speed_kt", "pressure_hPa"], {}, "Nearest there: wind_dir"),
+        (["AltM", "UTC", "Aircraft", "lat", "lon", *WIND], {}, "tail: .*Nearest there: Aircraft. "),
+        (["ail", *PLAIN[1:], "AltM", *WIND], {}, "tail: .*Nearest there: ail. "),
+        ([*PLAIN, *WIND, "AltM"], {}, "pressure_altitude_ft: .*Nearest there: AltM. "),
         ([*PLAIN, *WIND], {}, "neither pressure_altitude_ft nor pressure_hPa"),
         ([*PLAIN, *WIND, "pressure_hPa"], {"W": "wind_speed_kt"}, "W: the mapped column is not"),
         ([*PLAIN, "heading_deg", "ground_speed_kt", "pressure_hPa"], {}, "wind_direction_deg"),

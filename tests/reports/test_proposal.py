@@ -99,6 +99,19 @@ def test_the_proposed_mapping_reads_the_table(make, kind, tmp_path):
         assert reports["aircraft"].to_numpy().tolist() == ["D-ABCD"]
 
 
+@pytest.mark.parametrize("name", ["AltM", "ALT_M", "Altitude (m)", "alt[M]"])
+def test_the_unit_in_a_name_is_understood_in_any_case(name, tmp_path):
+    """Values that could be feet do not change it."""
+    table = european().rename(columns={"Alt (m)": name, "OAT": "TempC"})
+    table[name] = 16000.0
+    table.to_csv(tmp_path / "theirs.csv", index=False)
+    proposed = propose_mapping(tmp_path / "theirs.csv")
+    assert proposed is not None and not proposed["missing"]
+    reports = read_reports(tmp_path / "theirs.csv", columns=proposed["columns"])
+    assert reports["pressure_altitude"].to_numpy() == pytest.approx(16000.0)
+    assert reports["air_temperature"].to_numpy() == pytest.approx(218.15)
+
+
 def test_guesses_are_marked_and_missing_columns_are_listed(tmp_path):
     path = tmp_path / "recorder.csv"
     table = european()[["Date", "UTC", "Lat", "Lng"]].assign(hdg=10.0, gs=400.0, trk=11.0, mach=0.7)

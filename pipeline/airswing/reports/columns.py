@@ -17,6 +17,7 @@ overlap before July 2032, when seconds since 1970 become as large as ``197301010
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -54,7 +55,6 @@ class Quantity:
     unit: str  # in the canonical name; none where there is a single one
     lowest: float  # possible value of the variable
     highest: float
-    other_names: str  # as OTHER_NAMES
 
     @property
     def canonical(self) -> str:
@@ -64,7 +64,7 @@ class Quantity:
 
 _TABLE = pd.read_csv(Path(__file__).with_suffix(".csv")).fillna({"unit": "", "other_names": "(?!)"})
 TEXT: tuple[str, ...] = tuple(_TABLE["column"][_TABLE["si_unit"].isna()])  # columns without a unit
-QUANTITIES = {row[0]: Quantity(*row) for row in _TABLE.dropna().itertuples(index=False)}
+QUANTITIES = {row[0]: Quantity(*row[:-1]) for row in _TABLE.dropna().itertuples(index=False)}
 """Numeric columns by the name without its unit."""
 LIMITS = {row.variable: (row.lowest, row.highest) for row in QUANTITIES.values()}
 """Lowest and highest possible value by variable, in SI (degrees for angles)."""
@@ -86,6 +86,13 @@ _SPELLINGS = {
     **_SUFFIXES,
     **{"hundreds of feet": "hft", "flight level": "hft", "m s-1": "m/s", "deg C": "degC"},
 }
+
+_FOLDED = {suffix.lower(): unit for suffix, unit in _SUFFIXES.items()}
+_BRACKET = re.compile(r"\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
+_UNITS = "ft|m|km|kts?|kn|knots|mps|m_s|ms|kmh|hPa|Pa|mb|degC|C|K|deg|rad"
+_ENDING = re.compile(rf"_({_UNITS})$", re.I)
+# Without an underscore the rest of the name must be long enough to be recognised with certainty.
+_GLUED = re.compile(rf"(.{{3,}}?)({_UNITS})", re.I)
 
 NO_WIND = (
     "a required column is missing (for model winds alone give wind_direction_deg and wind_speed_kt "
@@ -255,6 +262,36 @@ def _known_names() -> dict[str, tuple[Quantity, str]]:
     return names
 
 
+def recognised(name: str) -> tuple[str | None, str]:
+    """Column, without its unit, that a name of any program stands for, and the unit in the name.
+
+    The unit is in brackets or at the end (``Alt (m)``, ``alt_m``, ``AltM``), empty where there is
+    none that the quantity can have. An unknown name gives None.
+    """
+    name = name.strip()
+    if parsed := split_name(name):
+        return parsed[0].stem, parsed[1]
+    text = _BRACKET.sub("", name)
+    written = _BRACKET.search(name) or _ENDING.search(text)
+    stem, unit = _other_name(_ENDING.sub("", text)), _unit_of(written[1] if written else "")
+    if stem is None and (glued := _GLUED.fullmatch(text)):
+        stem, unit = _other_name(glued[1]), _unit_of(glued[2])
+        if stem not in QUANTITIES or not compatible(unit, QUANTITIES[stem].si_unit):
+            return None, ""
+    fits = stem in QUANTITIES and compatible(unit, QUANTITIES[stem].si_unit)
+    return stem, unit if fits else ""
+
+
+def _other_name(text: str) -> str | None:
+    text = re.sub(r"[^a-z0-9]", "", text.lower())
+    return next((stem for stem, names in OTHER_NAMES.items() if re.fullmatch(names, text)), None)
+
+
+def _unit_of(written: str) -> str:
+    """A unit as written, or as the same letters in another case mean it."""
+    return written if written in _SPELLINGS else _FOLDED.get(written.lower(), written)
+
+
 @cache
 def conversion(unit: str, si_unit: str) -> tuple[float, float]:
     """Factor and offset from a unit to another; raises pint's errors if there is none."""
@@ -341,16 +378,22 @@ def gives_wind(variables: Iterable[str]) -> bool:
 
 
 def _absent(wanted: str, names: list[str], text: str, free: list[str] | None = None) -> InputError:
-    stripped = ((name.strip(), name) for name in (names if free is None else free))
-    folded = {short.lower(): name for short, name in stripped if len(short) > 1}
-    # Lower than the library's 0.6: two names of one column often share only a stem.
-    near = difflib.get_close_matches(wanted.lower(), list(folded), n=3, cutoff=0.4)
+    stem = recognised(wanted)[0]
+    stems = {name: recognised(name)[0] for name in (names if free is None else free)}
+    near = [name for name, other in stems.items() if stem is not None and other == stem]
+    if not near:
+        # A column that is known to hold another quantity is not the one that is needed.
+        unknown = [name for name, other in stems.items() if free is None or other is None]
+        folded = {name.strip().lower(): name for name in unknown if len(name.strip()) > 1}
+        # Lower than the library's 0.6: two names of one column often share only a stem.
+        close = difflib.get_close_matches(wanted.lower(), list(folded), n=3, cutoff=0.4)
+        near = [folded[key] for key in close]
     remedy = (
         "Map the file's own name to it under reports.columns; `airswing inspect FILE` proposes a "
         "mapping"
     )
     if near:
-        remedy = f"Nearest there: {', '.join(folded[key] for key in near)}. " + remedy
+        remedy = f"Nearest there: {', '.join(near)}. " + remedy
     return InputError(text, field=wanted, found=", ".join(names), remedy=remedy)
 
 

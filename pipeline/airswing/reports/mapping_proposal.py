@@ -15,24 +15,20 @@ import numpy as np
 import pandas as pd
 
 from airswing.reports.columns import (
-    OTHER_NAMES,
     QUANTITIES,
     REQUIRED,
     TEXT,
     Column,
     Quantity,
     Source,
-    compatible,
     gives_wind,
     numbers,
     parse_times,
     possible,
-    split_name,
+    recognised,
 )
 from airswing.reports.formats.tabular import column_of, first_rows
 
-_BRACKET = re.compile(r"\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
-_ENDING = re.compile(r"_(ft|m|km|kts?|kn|knots|mps|m_s|ms|kmh|hPa|Pa|mb|degC|C|K|deg|rad)$", re.I)
 # Largest value, and the units of columns with a larger one and without.
 _BY_SIZE = {
     # 1013 hPa is the largest there is, and the least at flight level still 15,000 Pa.
@@ -59,7 +55,7 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
     table = first_rows(Path(path)).rename(columns=str)
     stems: dict[str, str] = {}
     for column in table.columns.tolist():
-        stem, there = _stem(column), table[column].dropna()
+        stem, there = recognised(column)[0], table[column].dropna()
         text = stem in QUANTITIES and len(there) > 0 and np.isnan(numbers(there)).all()
         if stem is not None and not text:
             stems.setdefault(stem, column)
@@ -98,18 +94,9 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
     }
 
 
-def _stem(column: str) -> str | None:
-    """The quantity of a column by its name; None for an unknown one."""
-    if parsed := split_name(column.strip()):
-        return parsed[0].stem
-    stem = _ENDING.sub("", _BRACKET.sub("", column.strip()))
-    stem = re.sub(r"[^a-z0-9]", "", stem.lower())
-    return next((name for name, names in OTHER_NAMES.items() if re.fullmatch(names, stem)), None)
-
-
 def _time(table: pd.DataFrame, stems: dict[str, str], remarks: dict[str, str]) -> dict[str, Entry]:
     """Map the column or the two columns of the time."""
-    candidates = [column for column in table.columns.tolist() if _stem(column) == "time"]
+    candidates = [column for column in table.columns.tolist() if recognised(column)[0] == "time"]
     dates = [c for c in candidates if re.search(r"date|day", c, re.I) and not _has_clock(table[c])]
     clocks = [c for c in candidates if c not in dates]
     # A clock time without a date ("12:00:00") is not enough, nor are seconds since the start.
@@ -155,13 +142,11 @@ def _motion(table: pd.DataFrame, stems: dict[str, str], remarks: dict[str, str])
 
 
 def _entry(quantity: Quantity, column: str, values: Column, remarks: dict[str, str]) -> Entry:
-    parsed, written = split_name(column.strip()), _BRACKET.search(column) or _ENDING.search(column)
     largest, remark = float(values.abs().max()), ""
+    written = recognised(column)[1]
     unit: str | None = None  # that of the canonical name
-    if parsed is not None and parsed[0] is quantity:
-        unit = None if parsed[1] == "degree" else parsed[1]
-    elif written and compatible(written[1], quantity.si_unit):
-        unit = written[1]
+    if written:
+        unit = None if written == "degree" else written
     elif quantity.stem == "pressure_altitude" and 0 < largest <= 600:
         # Flight levels are hundreds of feet: no aircraft is above 60,000 ft.
         unit, remark = "hft", "flight levels guessed from its values"
