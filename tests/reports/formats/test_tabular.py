@@ -38,6 +38,15 @@ def test_rows_of_another_length(tmp_path):
     assert audit["missing"]["eastward_wind"] == 1
 
 
+def test_lines_of_garbage_are_no_reports_without_a_time(tmp_path):
+    lines = CSV.splitlines()
+    lines[3:3] = ["the receiver was down", ",,,,,,", "N412XJ,,41.5,-87.0,20000,270,40"]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    audit = audit_of(read_reports(tmp_path / "a.csv"))
+    assert audit["dropped"] == {"ragged_row": 2, "missing_time": 1}
+    assert (audit["reports_read"], audit["reports_kept"]) == (13, 10)
+
+
 def test_a_repeated_column_is_counted_and_its_first_values_are_used(tmp_path):
     header, *rows = CSV.splitlines()
     repeated = [f"{header},wind_speed_kt", *(f"{row},99" for row in rows)]

@@ -2,8 +2,8 @@
 
 Assumes one report a row and a header row of column names; commas, semicolons or tabs between
 columns; UTF-8 text. Text columns are never read as numbers, so a tail ``NA`` or ``007`` is
-unchanged. A row with too many columns is dropped and counted; a row with too few has the rest
-missing. Folders named ``tail=N401`` (partitioned Parquet) give that column of their files.
+unchanged. A row with too many columns, or with values in fewer than two, is dropped and counted as
+ragged; a row with too few has the rest missing. Folders named ``tail=N401`` (partitioned Parquet) give that column of their files.
 """
 
 from __future__ import annotations
@@ -97,6 +97,8 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
         ):
             # pandas skips rows of two columns too many itself; those are counted by its warnings.
             ragged = (table.pop(_EXTRA).fillna("").str.strip() != "").to_numpy(dtype=bool)
+            # A line of garbage has one value at most: it is no report whose time is missing.
+            ragged = ragged | ((table.notna() & (table != "")).sum(axis=1).to_numpy() < 2)
             for variable in repeated:
                 audit.repair(f"{variable}_column_repeated", len(table))
             audit.drop("ragged_row", int(ragged.sum()), unread=True)
