@@ -16,7 +16,7 @@ NORTH_AT_120 = (np.hypot(120, 20), np.degrees(np.arctan2(20.0, 120.0)))
 """Ground speed (kt) and track of 120 kt north in a wind of 20 kt from the west."""
 
 
-def g1000_log(path, *, altitude="AltB", version="1.00"):
+def g1000_log(path, *, altitude="AltB", version="1.00", bad_lines=0):
     """Five minutes north at 120 kt true, wind 20 kt from the west, declination 14 W."""
     lines = [
         f'#airframe_info,log_version="{version}",airframe_name="Cessna 172S",system_id="0A1B2C"',
@@ -37,8 +37,15 @@ def g1000_log(path, *, altitude="AltB", version="1.00"):
             f"{clock}, KBOS, {latitude:.7f}, -71.0, 4000.0, 30.12, 5.0, 112.0, {speed:.2f}, 1.0,"
             f" {-east % 360:.3f}, {(track - east) % 360:.3f}, 120.0"
         )
+    lines[20:20] = [lines[-1] + ", 1, 2, 3"] * bad_lines
     path.write_text("\n".join(lines) + "\n")
     return path
+
+
+def test_bad_lines_of_a_log_are_counted(tmp_path):
+    _, audit = read_file(g1000_log(tmp_path / "log.csv", bad_lines=2))
+    assert audit.dropped == {"ragged_row": 2, "missing_position": 5}
+    assert (audit.read, audit.usable) == (302, 295)
 
 
 @pytest.mark.parametrize("variant", [{}, {"altitude": "AltInd", "version": "1.03"}])

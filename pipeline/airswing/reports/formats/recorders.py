@@ -41,11 +41,10 @@ from airswing.reports.columns import (
     sources,
 )
 from airswing.reports.formats import ReportFormat, constant_tail, content_of, is_text, opened
-from airswing.reports.formats.tabular import merge_messages, to_raw
+from airswing.reports.formats.tabular import ROWS_PER_PIECE, csv_pieces, merge_messages, to_raw
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 _INCH_OF_MERCURY = 3386.389  # Pa at 0 degC (NIST SP 811)
-_ROWS_PER_PIECE = 100_000
 _IDENTITIES = ("tail_number", "aircraft_ident", "registration", "system_id")
 # Quantities by column name without unit: short names of G1000, names in words of G3X and G5.
 _TEXTS = {
@@ -103,22 +102,20 @@ def _read_log(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
     # A line of short names may follow the names in words.
     second = number + 1 < len(lines) and _HEADER.search(lines[number + 1]) is not None
     rows = 0
-    with opened(path) as binary:
-        for table in pd.read_csv(
-            binary,
-            header=None,
-            skiprows=number + 1 + second,
-            names=names,
-            index_col=False,
-            dtype=str,
-            skipinitialspace=True,
-            chunksize=_ROWS_PER_PIECE,
-            on_bad_lines="skip",
-            keep_default_na=False,
-            encoding_errors="replace",
-        ):
-            rows += len(table)
-            yield _of_deck(table, tail, columns)
+    for table in csv_pieces(
+        path,
+        (names, ",", number + 1 + second),
+        audit,
+        names=names,
+        dtype=str,
+        skipinitialspace=True,
+        chunksize=ROWS_PER_PIECE,
+        on_bad_lines="warn",
+        keep_default_na=False,
+        encoding_errors="replace",
+    ):
+        rows += len(table)
+        yield _of_deck(table, tail, columns)
     if not rows:
         raise InputError("has a header but no reports")
 

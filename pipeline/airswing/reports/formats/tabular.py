@@ -3,7 +3,8 @@
 Assumes one report a row and a header row of column names; commas, semicolons or tabs between
 columns; UTF-8 text. Text columns are never read as numbers, so a tail ``NA`` or ``007`` is
 unchanged. A row with too many columns, or with values in fewer than two, is dropped and counted as
-ragged; a row with too few has the rest missing. Folders named ``tail=N401`` (partitioned Parquet) give that column of their files.
+ragged; a row with too few has the rest missing. Folders named ``tail=N401`` (partitioned Parquet)
+give that column of their files.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ def _read_csv(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
     ]
 
     def tables() -> Iterator[pd.DataFrame]:
-        for table in _pieces(
+        for table in csv_pieces(
             path,
             header,
             audit,
@@ -134,8 +135,8 @@ def _in_si(
         yield merge_messages(pd.concat(pieces, ignore_index=True), audit)
 
 
-def _pieces(path: Path, header: Header, audit: Audit, **options: Any) -> Iterator[pd.DataFrame]:
-    """Pieces of a CSV file; rows that pandas skips are counted."""
+def csv_pieces(path: Path, header: Header, audit: Audit, **options: Any) -> Iterator[pd.DataFrame]:
+    """Pieces of a CSV file; rows that pandas skips (``on_bad_lines="warn"``) are counted."""
     _, separator, lines = header
     options |= dict(sep=separator, header=None, skiprows=lines, index_col=False, encoding="utf-8")
     reader: Iterator[pd.DataFrame] | None = None
@@ -165,7 +166,7 @@ def first_rows(path: Path) -> pd.DataFrame:
     with damage_named(path, "CSV"):
         header = header_of(path)
         options = dict(names=header[0], chunksize=2000, on_bad_lines="skip", na_values=_BLANKS)
-        return next(_pieces(path, header, Audit(), **options))
+        return next(csv_pieces(path, header, Audit(), **options))
 
 
 def header_of(path: Path) -> Header:
