@@ -205,6 +205,7 @@ def ioda(path, *, old=False):
             file["MetaData/dateTime"].units = "seconds since 2020-12-15"
             marker = file.createGroup("QualityMarker")
             marker.createVariable("windEastward", "i4", ("Location",))[:] = [2, 9, 2]
+            marker.createVariable("airTemperature", "i4", ("Location",))[:] = [9, 2, 2]
     return path
 
 
@@ -217,6 +218,14 @@ def test_an_ioda_file_is_read_in_both_layouts(tmp_path, old):
     np.testing.assert_allclose(frame["longitude"], [-100.0, -99.9, -99.0], atol=1e-4)
     np.testing.assert_allclose(frame["eastward_wind"], [10.0, 11.0, np.nan])
     assert frame["wind_qc"].tolist() == ([0, 0, 0] if old else [0, 2, 0])
+    assert frame["temperature_qc"].tolist() == ([0, 0, 0] if old else [2, 0, 0])
+
+
+def test_times_of_ioda_in_any_unit(tmp_path):
+    with netCDF4.Dataset(ioda(tmp_path / "aircraft.nc4"), "a") as file:
+        file["MetaData/dateTime"].units = "minute since 2020-12-15"
+    frame, _ = read_file(tmp_path / "aircraft.nc4")
+    assert frame["time"].iloc[1] == pd.Timestamp("2020-12-15T03:00")
 
 
 def test_real_mode_s_winds_are_the_authors_with_declination_zero(tmp_path, real):

@@ -28,7 +28,14 @@ from airswing.errors import InputError
 from airswing.flags import PLATFORM, TEMPERATURE_QC, WIND_QC
 from airswing.products.damaged_netcdf import require_sound
 from airswing.reports.audit import Audit
-from airswing.reports.columns import ONLY, Mapped, decode_flags, from_epoch, parse_times
+from airswing.reports.columns import (
+    ONLY,
+    Mapped,
+    conversion,
+    decode_flags,
+    from_epoch,
+    parse_times,
+)
 from airswing.reports.formats import LARGEST_FILE, ReportFormat, constant_tail, content_of
 
 _NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")  # first bytes
@@ -75,7 +82,6 @@ _IODA_NUMBERS = {
 }
 _META = ("pressure", "pressure_altitude", "latitude", "longitude")  # in the group MetaData
 _LARGEST_GOOD = 3.0
-_SECONDS = {"seconds": 1.0, "minutes": 60.0, "hours": 3600.0, "days": 86400.0}
 
 Variable: TypeAlias = "netCDF4.Variable[np.generic]"
 
@@ -245,7 +251,7 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
             units = getattr(times, "units", "seconds since 1970-01-01")
             unit, _, epoch = units.partition(" since ")
             start = pd.to_datetime(epoch.strip(), utc=True).timestamp()
-            seconds = _numbers(times, _LARGEST_IODA) * _SECONDS[unit.strip()] + start
+            seconds = _numbers(times, _LARGEST_IODA) * conversion(unit, "s")[0] + start
             raw["time"], raw["time_blank"] = from_epoch(seconds), np.isnan(seconds)
         flight = first("MetaData", ("aircraftFlightNumber",))
         named = first("MetaData", _IODA_TAILS)
@@ -259,10 +265,11 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
             audit.remark(f"{path.name} does not name the aircraft: all reports count as one")
         if flight is not None:
             raw["flight"] = _strings(flight)
-        for group in ("PreQC", "QualityMarker"):
-            if (codes := first(group, _IODA_NUMBERS["eastward_wind"])) is not None:
-                fails = _numbers(codes, _LARGEST_IODA) > _LARGEST_GOOD
-                raw["wind_qc"] = np.where(fails, WIND_QC["fail"], WIND_QC["missing"])
+        for ours, name in (("wind_qc", "eastward_wind"), ("temperature_qc", "air_temperature")):
+            for group in ("PreQC", "QualityMarker"):
+                if (codes := first(group, _IODA_NUMBERS[name])) is not None:
+                    fails = _numbers(codes, _LARGEST_IODA) > _LARGEST_GOOD
+                    raw[ours] = np.where(fails, WIND_QC["fail"], WIND_QC["missing"])
         yield pd.DataFrame(raw)
 
 
