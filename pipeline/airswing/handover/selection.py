@@ -28,6 +28,7 @@ from airswing.physics.triangle import wrap_degrees
 from airswing.products.netcdf import open_product, product_path
 from airswing.products.ragged import aircraft_of_report, blocks
 from airswing.reports.columns import LIMITS
+from airswing.reports.flights import number_of_run
 from airswing.units import EARTH_RADIUS
 
 Rows = NDArray[np.void]
@@ -302,21 +303,15 @@ def _join_soundings(
         rows[name][members] = rows[name][middle]
 
 
-def _runs(rows: Rows, flight: NDArray[np.int64]) -> NDArray[np.int64]:
+def _runs(rows: Rows, flight: NDArray[np.int64]) -> NDArray[np.int32]:
     """Number of the run each report belongs to, from 0 in order."""
     phase, time = rows["phase"], rows["time"]
     climbing = (phase == PHASE["ascent"]) | (phase == PHASE["descent"])
-    new = np.ones(rows.size, dtype=bool)
-    new[1:] = (
-        ~climbing[1:]
-        | (phase[1:] != phase[:-1])
-        | (flight[1:] != flight[:-1])
-        | (rows["aircraft"][1:] != rows["aircraft"][:-1])
-        | (time[1:] - time[:-1] > _LARGEST_GAP)
-    )
-    start = np.flatnonzero(new)[np.cumsum(new) - 1]
-    too_many = (np.arange(rows.size) - start) // _MOST_LEVELS
-    return np.asarray(np.cumsum(new | (np.diff(too_many, prepend=0) > 0)) - 1, dtype=np.int64)
+    place = np.arange(rows.size)
+    gaps = np.cumsum(np.diff(time, prepend=time[0]) > _LARGEST_GAP)
+    run = number_of_run(phase, flight, rows["aircraft"], np.where(climbing, -1, place), gaps)
+    start = np.flatnonzero(np.diff(run, prepend=-1))[run]
+    return number_of_run(run, (place - start) // _MOST_LEVELS)
 
 
 # --- aircraft ----------------------------------------------------------------------------------

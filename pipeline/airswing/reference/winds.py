@@ -232,12 +232,12 @@ def winds_at(
     columns = [_weighted(pair, (1.0 - weight, weight)) for pair in values]
     convergence = grids[0].convergence(lat, lon)
     angle = convergence if grids[0].wind_along_grid else np.zeros_like(lat)
-    wind = _rotated(across(0, columns[0]), across(1, columns[1]), angle)
+    wind = rotated(across(0, columns[0]), across(1, columns[1]), angle)
     result = np.stack(wind)
     if derivatives:
         with np.errstate(divide="ignore", invalid="ignore"):
             shears = (values[:, 1] - values[:, 0]) / (brackets.lower - brackets.upper)
-        shear = _rotated(across(0, shears[0]), across(1, shears[1]), angle)
+        shear = rotated(across(0, shears[0]), across(1, shears[1]), angle)
         columns = [column.reshape(4, place.size) for column in columns]
         slopes = _true_slopes(model.grids, columns, cells, wind, angle, lat, lon)
         # the grid's angle regardless of the flag, by which a wrong flag is recognised
@@ -282,7 +282,8 @@ def _between_levels(
     return values
 
 
-def _rotated(u: Floats, v: Floats, angle: Floats) -> tuple[Floats, Floats]:
+def rotated(u: Floats, v: Floats, angle: Floats) -> tuple[Floats, Floats]:
+    """True components of a wind from those along a grid, by its convergence (rad)."""
     cosine, sine = np.cos(angle), np.sin(angle)
     return cosine * u + sine * v, -sine * u + cosine * v
 
@@ -322,6 +323,6 @@ def _true_slopes(
         if grids[0].wind_along_grid:
             turned = grids[0].convergence(*ahead) - grids[0].convergence(*behind)
             turning = wrap_signed(turned) / distance
-        u, v = _rotated(slopes[0], slopes[1], angle)
+        u, v = rotated(slopes[0], slopes[1], angle)
         result += [u + wind[1] * turning, v - wind[0] * turning]
     return result

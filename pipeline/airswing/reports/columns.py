@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from airswing.errors import InputError, nearest
 from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
-from airswing.quantities import registry
+from airswing.quantities import COMPACT, registry
 from airswing.reports.audit import Audit
 
 Column: TypeAlias = "pd.Series[Any]"  # A column of a table, of any type
@@ -402,8 +402,8 @@ def _absent(wanted: str, names: list[str], text: str, free: list[str] | None = N
 EARLIEST = np.datetime64("1973-01-01", "ns")
 """First year of aircraft reports in the archives that reanalyses use (NCAR ds353.4)."""
 _LARGEST_SECONDS = 4.2e9  # the year 2103
-_JULIAN_DATE_1970 = 2440587.5
-_CALENDARS = ((10, "%Y%m%d%H"), (12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"))
+JULIAN_DATE_1970 = 2440587.5
+"""Julian date of 1970-01-01T00:00."""
 
 LARGEST_ROLL = 5.0  # degrees: limit of a good roll angle in AMDAR and ACARS
 
@@ -476,15 +476,15 @@ def from_epoch(seconds: Floats) -> Times:
 
 def _of_numbers(values: Floats) -> Times:
     notations = []
-    for width, pattern in _CALENDARS:
+    for width in (10, 12, 14):
         dates = (values >= 10.0 ** (width - 1)) & (values < 10.0**width)
         if dates.any():
             text = pd.Series(np.where(dates, values, 0.0).astype(np.int64)).astype(str)
-            parsed = pd.to_datetime(text, format=pattern, errors="coerce")
+            parsed = pd.to_datetime(text, format=COMPACT[width], errors="coerce")
             notations.append(parsed.to_numpy(dtype="datetime64[ns]"))
     notations += [from_epoch(values / scale) for scale in (1e3, 1e6, 1e9)]
     # A float64 of a Julian date resolves 40 microseconds.
-    notations.append(from_epoch(np.round((values - _JULIAN_DATE_1970) * 86400.0, 3)))
+    notations.append(from_epoch(np.round((values - JULIAN_DATE_1970) * 86400.0, 3)))
     time = from_epoch(values)
     for candidates in notations:
         better = possible(candidates) & ~possible(time)

@@ -25,6 +25,7 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -173,12 +174,9 @@ def _known_bias(
     hour = (starts - day).astype(np.int64)
     for start_hour in np.unique(hour):
         rows = np.flatnonzero(hour == start_hour)
-        place = (day[rows] - day[rows[0]]).astype(np.int64)
         # Errors on every day from the first to the last, NaN on those without a start.
-        source = np.full(int(place[-1]) + 1, -1)
-        source[place] = rows
-        has_start = xr.DataArray(source >= 0, dims=TIME)
-        daily = errors.isel({TIME: source}).drop_vars(TIME).where(has_start)
+        every_day = pd.date_range(starts[rows[0]], starts[rows[-1]], freq="D", unit="ns")
+        daily = errors.isel({TIME: rows}).reindex({TIME: every_day.to_numpy()})
         bias = xr.apply_ufunc(
             kernel,
             daily,
@@ -191,8 +189,7 @@ def _known_bias(
         bias_at_start = bias
         for days in np.unique(ahead):
             bias_at_start = bias_at_start.where(ahead != days, bias.shift({TIME: int(days)}))
-        bias_at_start = bias_at_start.fillna(0.0).isel({TIME: place})
-        parts.append(bias_at_start.assign_coords({TIME: starts[rows]}))
+        parts.append(bias_at_start.fillna(0.0).sel({TIME: starts[rows]}))
     return parts[0] if len(parts) == 1 else xr.concat(parts, TIME).sortby(TIME)
 
 
@@ -350,10 +347,6 @@ def _filtered(errors: Floats, ratio: Floats) -> Floats:
 
 def running_mean(errors: Floats, days: int) -> Floats:
     """Mean of the errors (..., day) on the last days, including the day; NaN without any."""
-    has_error = np.isfinite(errors)
-    total = np.cumsum(np.where(has_error, errors, 0.0), axis=-1)
-    number = np.cumsum(has_error, axis=-1)
-    for sums in (total, number):
-        sums[..., days:] -= sums[..., :-days].copy()  # the views overlap
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(number > 0, total / number, np.nan)
+    by_day = pd.DataFrame(errors.reshape(-1, errors.shape[-1]).T)
+    means = by_day.rolling(days, min_periods=1).mean().to_numpy().T
+    return np.asarray(means.reshape(errors.shape))

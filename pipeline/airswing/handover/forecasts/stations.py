@@ -30,6 +30,7 @@ from airswing.handover.forecasts.forecast_pairs import (
     read_table,
     times,
 )
+from airswing.physics.triangle import wind_components
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.headers import LENGTHS, GarbageError, single_fields, whole_messages
 from airswing.reference.grib.values import (
@@ -40,7 +41,7 @@ from airswing.reference.grib.values import (
 )
 from airswing.reference.grids import Grid, UnplaceableGridError
 from airswing.reference.state import grib_statistic
-from airswing.reference.winds import bilinear, corners
+from airswing.reference.winds import bilinear, corners, rotated
 from airswing.reports.columns import LIMITS, conversion, split_name
 
 Floats = NDArray[np.float64]
@@ -151,11 +152,9 @@ def _observations(file: Path, columns: Mapping[str, str], left_out: Counter[str]
             "wind_direction_deg, eastward_wind_m_s, northward_wind_m_s",
         )
     if {"wind_speed", "wind_direction"} <= set(table):
-        speed = table["wind_speed"].to_numpy()
-        # The direction of a calm may be anything, or missing.
-        angle = np.radians(np.where(speed == 0.0, 0.0, table["wind_direction"].to_numpy()))
-        table["eastward_wind"] = -speed * np.sin(angle)
-        table["northward_wind"] = -speed * np.cos(angle)
+        angle = np.radians(table["wind_direction"])
+        components = wind_components(table["wind_speed"], angle)
+        table["eastward_wind"], table["northward_wind"] = components
     elif {"eastward_wind", "northward_wind"} <= set(table):
         table["wind_speed"] = np.hypot(table["eastward_wind"], table["northward_wind"])
     for name, (least, most) in _RANGE.items():
@@ -216,9 +215,7 @@ def _variables(
         if grid == grid_v:
             along = grid.wind_along_grid
             angle = grid.convergence(latitude, longitude) if along else np.zeros_like(latitude)
-            cosine, sine = np.cos(angle), np.sin(angle)
-            variables["eastward_wind"] = cosine * u + sine * v
-            variables["northward_wind"] = -sine * u + cosine * v
+            variables["eastward_wind"], variables["northward_wind"] = rotated(u, v, angle)
             variables["wind_speed"] = np.hypot(u, v)
     return variables
 

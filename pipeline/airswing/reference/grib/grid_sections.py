@@ -50,6 +50,17 @@ _OBLATE = {
 }
 
 
+def unsigned(data: bytes, start: int, width: int) -> int:
+    """Unsigned integer of `width` bytes."""
+    return int.from_bytes(data[start : start + width], "big")
+
+
+def signed(data: bytes, start: int, width: int) -> int:
+    """Integer of `width` bytes whose first bit is the sign."""
+    value, top = unsigned(data, start, width), 1 << (8 * width - 1)
+    return top - value if value >= top else value
+
+
 @lru_cache(maxsize=512)
 def read_grid(edition: int, section: bytes) -> AxesGrid:
     """Grid of a whole grid section: section 2 of edition 1, section 3 of edition 2."""
@@ -283,14 +294,13 @@ def _rapid_refresh(section: bytes) -> AxesGrid:
     them must agree.
     """
 
-    def signed(at: int) -> float:
-        value = int.from_bytes(section[at : at + 4], "big")
-        return (-(value & 0x7FFFFFFF) if value >> 31 else value) / 1e6
+    def degrees(at: int) -> float:
+        return signed(section, at, 4) / 1e6
 
-    ni, nj = (int.from_bytes(section[at : at + 4], "big") for at in (30, 34))
+    ni, nj = unsigned(section, 30, 4), unsigned(section, 34, 4)
     if not (2 <= ni < 2**31 and nj >= 2 and ni * nj <= MAX_POINTS):
         raise UnplaceableGridError(f"grid of {ni:,} by {nj:,} points")
-    first, centre, scanning = (signed(46), signed(50)), (signed(55), signed(59)), section[71]
+    first, centre, scanning = (degrees(46), degrees(50)), (degrees(55), degrees(59)), section[71]
     if max(abs(first[0]), abs(centre[0])) > 90.0 or scanning & 0x0F:
         raise UnplaceableGridError("grid beyond the earth or with staggered rows")
     frame = rotated_frame(90.0 - centre[0], centre[1] + 180.0)
@@ -298,13 +308,13 @@ def _rapid_refresh(section: bytes) -> AxesGrid:
     x0, y0 = float(wrap_degrees(x)[0]), float(y[0])
     steps = -2.0 * x0 / (ni - 1), -2.0 * y0 / (nj - 1)
     signs = (-1.0 if scanning & 0x80 else 1.0), (1.0 if scanning & 0x40 else -1.0)
-    stated = [step for step in (signed(63), signed(67)) if step > 0.0]
+    stated = [step for step in (degrees(63), degrees(67)) if step > 0.0]
     agree = all(
         any(abs(abs(s) - size * unit) <= _STEP_TOLERANCE * abs(s) for unit in (1e-3, 1.0, 1e3))
         for s, size in zip(steps, stated, strict=False)
     )
     if not agree and len(section) >= 80:
-        last = frame.xy(np.array([signed(72)]), np.array([signed(76)]))
+        last = frame.xy(np.array([degrees(72)]), np.array([degrees(76)]))
         agree = bool(np.hypot(wrap_degrees(last[0] + x0), last[1] + y0)[0] < min(map(abs, steps)))
     if not agree or any(step * sign <= 0.0 for step, sign in zip(steps, signs, strict=True)):
         raise UnplaceableGridError("corners and increments contradict each other")

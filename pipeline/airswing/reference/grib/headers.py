@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from airswing.errors import InputError
 from airswing.products.whole_files import code_digest
 from airswing.reference.files import SourceFile, local_path
-from airswing.reference.grib.grid_sections import read_grid
+from airswing.reference.grib.grid_sections import read_grid, signed, unsigned
 from airswing.reference.grids import UnplaceableGridError
 from airswing.reference.state import DERIVED, FORECAST, grib_statistic
 from airswing.reference.winds import HYBRID, ISOBARIC, MAX_PRESSURE, PRESSURE, U, V, limits
@@ -70,15 +70,6 @@ _SCALED = (0, 2, 3, 40, 41, 42, 40000, 40010)
 _SMALLEST_NORMAL = 2.0**-126  # ecCodes reads smaller reference values in another way
 
 
-class Scale(NamedTuple):
-    """Packing of a field: R, E and D of ``Y 10^D = R + X 2^E``, X of a number of bits."""
-
-    bits: int = 0
-    binary_scale: int = 0
-    decimal_scale: int = 0
-    reference_value: float = 0.0
-
-
 class Field(NamedTuple):
     """One field of a file, a row of `FIELD_DTYPE`; -1 if an offset or a number is absent."""
 
@@ -95,18 +86,17 @@ class Field(NamedTuple):
     file: int
     subindex: int  # number of the field in its message
     member: int
-    packing: int
     sparse: bool  # values can be read at single points
-    bits: int  # as in `Scale`
-    binary_scale: int
-    decimal_scale: int
-    reference_value: float
+    bits: int  # of the packed integers X of ``Y 10^D = R + X 2^E``
+    binary_scale: int  # E
+    decimal_scale: int  # D
+    reference_value: float  # R
     bitmap: int  # offset of its first byte
     data_start: int  # of the packed values
     data_end: int
 
 
-_FORMATS = "i8 i8 i1 i1 i2 f8 i8 i8 i4 i4 i4 i2 i4 i4 ? i2 i4 i4 f8 i8 i8 i8"
+_FORMATS = "i8 i8 i1 i1 i2 f8 i8 i8 i4 i4 i4 i2 i4 ? i2 i4 i4 f8 i8 i8 i8"
 FIELD_DTYPE = np.dtype(list(zip(Field._fields, _FORMATS.split(), strict=True)))
 
 
@@ -364,16 +354,14 @@ def _field_1(
         raise _damaged("spherical harmonics on a grid of points")
     if bits > 64:
         raise _damaged(f"{bits} bits a value")
-    scale = Scale(
-        bits, signed(data, 4, 2), signed(product, 26, 2), _ibm_float(unsigned(data, 6, 4))
-    )
-    _check_lowest(kind, scale)
+    scale = bits, signed(data, 4, 2), signed(product, 26, 2), _ibm_float(unsigned(data, 6, 4))
+    _check_lowest(kind, *scale[1:])
     if packing == 0 and bitmap < 0:
         _check_length(stop - at - 11, bits, size)
     leading = start, length, 1, kind, level_kind, level, valid, lead, grid
     place = -1, 0, 0, member  # points, file and subindex
     sparse = packing == 0 and bits <= MAX_BITS
-    return Field(*leading, *place, packing, sparse, *scale, bitmap, at + 11, stop)
+    return Field(*leading, *place, sparse, *scale, bitmap, at + 11, stop)
 
 
 def _section_length(window: Window, at: int, end: int, least: int) -> int:
@@ -441,11 +429,11 @@ def _field_2(
     # fewer values than points if a bitmap leaves some out
     if coded > size or (coded != size and bitmap < 0):
         raise _damaged(f"{coded:,} values on a grid of {size:,} points")
-    scale, sparse = Scale(), False
+    scale, sparse = (0, 0, 0, 0.0), False
     if packing in _SCALED:
         reference, bits = float(struct.unpack_from(">f", packed, 11)[0]), packed[19]
-        scale = Scale(bits, signed(packed, 15, 2), signed(packed, 17, 2), reference)
-        _check_lowest(kind, scale)
+        scale = bits, signed(packed, 15, 2), signed(packed, 17, 2), reference
+        _check_lowest(kind, *scale[1:])
         if bits > (64 if packing == 0 else 38):
             raise _damaged(f"{bits} bits a value")
         if packing == 0:
@@ -457,21 +445,10 @@ def _field_2(
     first, length, subindex = place
     leading = first, length, 2, kind, level_kind, level, valid, lead, grid
     at = -1, 0, subindex, member  # points, file and subindex
-    return Field(*leading, *at, packing, sparse, *scale, bitmap, start, end)
+    return Field(*leading, *at, sparse, *scale, bitmap, start, end)
 
 
 # both editions
-
-
-def unsigned(data: bytes, start: int, width: int) -> int:
-    """Unsigned integer of `width` bytes."""
-    return int.from_bytes(data[start : start + width], "big")
-
-
-def signed(data: bytes, start: int, width: int) -> int:
-    """Integer of `width` bytes whose first bit is the sign."""
-    value, top = unsigned(data, start, width), 1 << (8 * width - 1)
-    return top - value if value >= top else value
 
 
 def _ibm_float(word: int) -> float:
@@ -510,10 +487,10 @@ def _check_length(n_bytes: int, bits: int, values: int) -> None:
         raise _damaged("data section longer than its grid and its bits a value need")
 
 
-def _check_lowest(kind: int, scale: Scale) -> None:
-    if max(abs(scale.binary_scale), abs(scale.decimal_scale)) > _LARGEST_SCALE:
+def _check_lowest(kind: int, binary: int, decimal: int, reference: float) -> None:
+    if max(abs(binary), abs(decimal)) > _LARGEST_SCALE:
         raise _damaged("impossible scale factors")
-    lowest, (low, high) = scale.reference_value * 10.0**-scale.decimal_scale, limits(kind)
+    lowest, (low, high) = reference * 10.0**-decimal, limits(kind)
     if not (math.isfinite(lowest) and low <= lowest <= high):
         unit = "Pa" if kind == PRESSURE else "m/s"
         raise _damaged(f"lowest value of a field outside {low:g} to {high:g} {unit}")

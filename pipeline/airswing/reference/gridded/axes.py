@@ -38,6 +38,7 @@ from airswing.reference.grids import (
     grid_of_points,
     through_points,
 )
+from airswing.reports.columns import JULIAN_DATE_1970
 from airswing.units import MODEL_EARTH_RADIUS
 
 _LEAD = re.compile(
@@ -52,7 +53,6 @@ _RUN = re.compile(
 _TIME = re.compile(r"(valid_?|forecast_?|x)?(times?|dates?)$|jd$|julian\w*$", re.I)
 _STANDARD = ("forecast_reference_time", "forecast_period", "time")
 _JULIAN = 2_415_020.0, 2_488_070.0  # Julian dates of the years 1900 and 2100
-_JULIAN_1970 = 2_440_587.5  # of 1970-01-01T00:00
 MISSING = int(np.iinfo(np.int64).min)  # value of a time that is not known, as numpy's NaT
 _MEMBER = re.compile(r"(number|members?|realization|ens\d*|ensemble\w*|perturbation\w*)$", re.I)
 _EITHER = "expver"  # ECMWF's dimension of final and preliminary data: each time is in one of them
@@ -203,7 +203,7 @@ def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
     units = [naming.units.get(str(c.name), c.attrs.get("units")) for c in (axes.y, axes.x)]
     if axes.y.ndim == 2:
         lat, lon = (
-            np.asarray(axis.values, dtype=np.float64) * _degrees(unit)
+            np.asarray(axis.values, dtype=np.float64) * (factor_of(unit, "angle") or 1.0)
             for axis, unit in zip((axes.y, axes.x), units, strict=True)
         )
         mapping = naming.projection or axes.crs or _grib_projection(ds[name])
@@ -238,11 +238,6 @@ def grid_of_axes(ds: xr.Dataset, name: str, axes: Axes, naming: Naming) -> Grid:
     return AxesGrid(frame, x, y)
 
 
-def _degrees(unit: object) -> float:
-    """Factor to degrees of a latitude or longitude; 1 without a unit of angles."""
-    return np.degrees(1.0) if str(unit or "").lower().startswith("rad") else 1.0
-
-
 def _is_projected(axes: Axes, units: Sequence[object]) -> bool:
     """Coordinates that are lengths, or a rotated frame's, without a grid mapping."""
     return any(factor_of(unit, "length") is not None for unit in units) or any(
@@ -269,7 +264,10 @@ def _points(ds: xr.Dataset, axes: Axes) -> dict[str, NDArray[np.float64]]:
 def _monotonic(axis: xr.DataArray, unit: object, frame: Frame) -> NDArray[np.float64]:
     """Values of an axis in degrees, or metres of a projection."""
     meridional = frame.meridional
-    scale = _degrees(unit) if meridional else required_factor(unit, "length", name=str(axis.name))
+    if meridional:
+        scale = factor_of(unit, "angle") or 1.0
+    else:
+        scale = required_factor(unit, "length", name=str(axis.name))
     values = np.asarray(axis.values, dtype=np.float64) * scale
     steps = np.diff(np.unwrap(values, period=360.0) if meridional else values)
     if not ((steps > 0).all() or (steps < 0).all()):
@@ -366,7 +364,7 @@ def _written(coord: xr.DataArray, values: NDArray[np.generic]) -> Ints | None:
         if lead or not np.isfinite(numbers).all():
             return None
         if _JULIAN[0] <= numbers.min() and numbers.max() <= _JULIAN[1]:
-            seconds = np.rint((numbers - _JULIAN_1970) * 86400.0)
+            seconds = np.rint((numbers - JULIAN_DATE_1970) * 86400.0)
             return seconds.astype(np.int64) * 1_000_000_000
     texts = [v.decode() if isinstance(v, bytes) else str(v) for v in values.ravel().tolist()]
     texts = [text.strip().removesuffix("Z").removesuffix(".0") for text in texts]
