@@ -321,20 +321,32 @@ def test_running_mean_by_hand():
     np.testing.assert_allclose(mean, [1.0, 1.0, 2.0, 4.0, 4.0, 5.0, np.nan])
 
 
-def test_boxes_by_hand():
-    """One aircraft in two boxes; the model's eastward wind is too strong in the western."""
+def in_two_places(longitudes, latitudes):
+    """Winds of one aircraft; the model's eastward wind is too strong at the first place."""
     ds = corrected({"A": 36})
     west = np.arange(36) % 2 == 0
-    ds["longitude"] = ("report", np.where(west, -93.0, 179.0))
-    ds["latitude"] = ("report", np.where(west, 42.0, -3.0))
+    ds["longitude"] = ("report", np.where(west, *longitudes))
+    ds["latitude"] = ("report", np.where(west, *latitudes))
     hours = 24 * np.repeat(np.arange(3), 12) + np.tile(np.arange(12), 3)
     start = np.datetime64("2008-07-01T03:00", "ns")
     ds["time"] = ("report", start + hours * np.timedelta64(1, "h"))
     u = ds["corrected_eastward_wind"].to_numpy() + np.where(west, 2.0, 0.0)
     v = ds["corrected_northward_wind"].to_numpy()
     references = {"reference_eastward_wind": u[None], "reference_northward_wind": v[None]}
-    headings = ds.assign(ragged(references, reference=["ruc"]))
-    result = flight_level_pairs(headings, ds, ["ruc"], region=5.0, fewest=6)
+    return ds.assign(ragged(references, reference=["ruc"])), ds
+
+
+def test_neighbouring_narrow_boxes_have_different_names():
+    winds = in_two_places((179.02, 179.13), (42.0, 42.0))
+    result = flight_level_pairs(*winds, ["ruc"], region=0.11, fewest=6)
+    assert result["station"].values.tolist() == [
+        f"0450_hPa_41.965N_{east}E" for east in ("179.025", "179.135")
+    ]
+
+
+def test_boxes_by_hand():
+    winds = in_two_places((-93.0, 179.0), (42.0, -3.0))
+    result = flight_level_pairs(*winds, ["ruc"], region=5.0, fewest=6)
     assert result.sizes == {"variable": 2, "station": 2, TIME: 3, "lead": 1}
     east = result.sel(station="0450_hPa_42.5N_92.5W", variable="eastward_wind")
     np.testing.assert_allclose(east["forecast"] - east["observation"], 2.0)

@@ -56,6 +56,22 @@ def test_levels_in_feet_and_names_of_the_user(model):
     np.testing.assert_allclose(extended["m_northward_wind_m_s"], [-2.0, 0.0, np.nan], atol=1e-6)
 
 
+def test_the_altitude_is_used_in_rows_without_a_pressure(model):
+    table = track(pressure_hPa=[500.0, np.nan, 400.0], pressure_altitude_ft=[0.0, 23574.0, 0.0])
+    extended = airswing.append_winds(table, {"m": model})
+    np.testing.assert_allclose(extended["m_eastward_wind_m_s"], [0.0, 1.0, np.nan], atol=1e-6)
+
+
+def test_numbers_of_a_parquet_track_are_not_rounded_in_csv(model, tmp_path):
+    model.to_netcdf(tmp_path / "m.nc")
+    track(lat=[42.123456, 43.0, 43.0]).to_parquet(tmp_path / "track.parquet")
+    collocate_track(tmp_path / "track.parquet", [f"m={tmp_path}/m.nc"], tmp_path / "out.csv")
+    written = pd.read_csv(tmp_path / "out.csv", dtype=str)
+    assert written["lat"][0] == "42.123456"
+    assert written["m_eastward_wind_m_s"][1] == "1.000"
+    assert written["m_eastward_wind_m_s"].isna()[2]
+
+
 @pytest.mark.parametrize(
     ("table", "says"),
     [
@@ -126,6 +142,13 @@ def test_a_product_of_grib_files_is_a_product_and_half_of_it_is_named(tmp_path):
 def test_a_table_that_mentions_grib_is_read_as_reports(tmp_path):
     summary = inspect_file(write(tmp_path / "a.csv", [row(tail="GRIB1"), row(tail="N2")]))
     assert (summary["kind"], summary["aircraft"]) == ("reports", 2)
+
+
+def test_a_parquet_table_without_rows_is_named(tmp_path):
+    table = pd.DataFrame({"Registration": ["N1"], "Lat": [41.5], "Lon": [-87.0]})
+    table.iloc[:0].to_parquet(tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"a\.parquet.*tail: a required column is missing"):
+        inspect_file(tmp_path / "a.parquet")
 
 
 FITTED = {"offset": 0.82, "amplitude": 5.83, "phase": 33.8, "before_kt": 17.4, "after_kt": 6.2}

@@ -46,7 +46,8 @@ def append_winds(
     table : DataFrame
         With ``time`` (UTC: datetime, ISO 8601 text, or seconds since 1970), ``latitude`` and
         ``longitude`` (degrees; ``lat`` and ``lon`` too), and ``pressure`` or ``pressure_altitude``
-        with its unit at the end of the name (``pressure_hPa``, ``pressure_altitude_ft``).
+        with its unit at the end of the name (``pressure_hPa``, ``pressure_altitude_ft``); the
+        altitude is used in rows without a pressure.
     references : mapping of str to path, list of paths, Dataset or Catalogue
         Model files (a glob each), Datasets with CF winds or catalogues, by name.
     columns : mapping of str to str, optional
@@ -150,7 +151,10 @@ def collocate_track(
         )
     with atomic(output) as temporary:
         if output.suffix.lower() == ".csv":
-            extended.to_csv(temporary, index=False, float_format="%.3f")
+            # The columns of the track are written as they are.
+            added = extended.columns.difference(table.columns)
+            extended[added] = extended[added].map("{:.3f}".format, na_action="ignore")
+            extended.to_csv(temporary, index=False)
         else:
             extended.to_parquet(temporary, index=False)
     return output
@@ -175,7 +179,7 @@ def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
         raise InputError(
             "the table has no such column", field=absent[0], found=there, remedy=remedy
         )
-    places: dict[str, NDArray[np.generic]] = {}
+    places: dict[str, NDArray[Any]] = {}
     for name in map(str, table.columns):
         meant = columns.get(name, name).strip()
         meant = _SHORT.get(meant.lower(), meant)
@@ -190,8 +194,10 @@ def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
             quantity, unit = column
             scale = conversion(unit, quantity.si_unit)
             places[quantity.variable] = numbers(table[name], *scale)
-    if "pressure" not in places and "pressure_altitude" in places:
-        places["pressure"] = pressure_from_altitude(places.pop("pressure_altitude"))
+    if "pressure_altitude" in places:
+        from_altitude = pressure_from_altitude(places["pressure_altitude"])
+        pressure = places.get("pressure", from_altitude)
+        places["pressure"] = np.where(np.isnan(pressure), from_altitude, pressure)
     for name in _PLACE:
         if name not in places:
             raise InputError(

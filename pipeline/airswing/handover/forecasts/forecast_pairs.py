@@ -283,7 +283,7 @@ def flight_level_pairs(
     middle = 0.5 * (edges[:-1] + edges[1:])[means["layer"].astype(int)]
     latitude, longitude = ((means[side] + 0.5) * region for side in ("south", "west"))
     names = [
-        f"{p:04.0f}_hPa_{abs(y):.4g}{'S' if y < 0 else 'N'}_{abs(x):.4g}{'W' if x < 0 else 'E'}"
+        f"{p:04.0f}_hPa_{abs(y):.7g}{'S' if y < 0 else 'N'}_{abs(x):.7g}{'W' if x < 0 else 'E'}"
         for p, y, x in zip(middle, latitude, longitude, strict=True)
     ]
     lines = pd.DataFrame({"station": names, TIME: means[TIME], "latitude": latitude})

@@ -157,13 +157,13 @@ def first_rows(path: Path) -> pd.DataFrame:
     """Return the first rows of a CSV or Parquet table, nothing renamed and nothing converted."""
     with path.open("rb") as file:
         parquet = file.read(4) == b"PAR1"
-    if parquet:
-        import pyarrow.parquet as pq
+    with damage_named(path, "Parquet" if parquet else "CSV"):
+        if parquet:
+            import pyarrow.parquet as pq
 
-        with pq.ParquetFile(path) as table:
-            first: pd.DataFrame = next(table.iter_batches(batch_size=2000)).to_pandas()
-        return first
-    with damage_named(path, "CSV"):
+            with pq.ParquetFile(path) as table:
+                first: pd.DataFrame = next(table.iter_batches(batch_size=2000)).to_pandas()
+            return first
         header = header_of(path)
         options = dict(names=header[0], chunksize=2000, on_bad_lines="skip", na_values=_BLANKS)
         return next(csv_pieces(path, header, Audit(), **options))
