@@ -46,8 +46,8 @@ class Format:
 
     Fields before and after the levels are ``latitude``, ``longitude``, ``date`` (fourteen digits),
     ``date_text`` (``yyyy-mm-dd_hh:mm:ss``), ``identifier``, ``name``, ``number`` of the report,
-    ``levels`` (their number) and the ``texts``; those of a level are what ``columns`` makes of the
-    rows and the platform (index of `PLATFORMS`) of each.
+    ``levels`` (their number) and the ``texts``; those of a level are ``pressure``, ``temperature``
+    and what ``columns`` makes of the rows and the platform (index of `PLATFORMS`) of each.
     """
 
     file_name: str  # in a folder
@@ -107,7 +107,12 @@ def encoded(
     }
     fields |= {name: np.array(words)[platform] for name, words in form.texts.items()}
     before, after = (lines(template, fields, first.size) for template in (form.before, form.after))
-    rows = lines(form.level, form.columns(levels, np.repeat(platform, size)), levels.size)
+    columns = {
+        "pressure": levels["pressure"],
+        "temperature": np.nan_to_num(levels["temperature"], nan=MISSING),
+        **form.columns(levels, np.repeat(platform, size)),
+    }
+    rows = lines(form.level, columns, levels.size)
     ends = zip(first.tolist(), (first + size).tolist(), before, after, strict=True)
     return "".join("".join([top, *rows[i:j], end]) for i, j, top, end in ends).encode("ascii")
 

@@ -52,8 +52,6 @@ def _domain_columns(rows: Rows, platform: NDArray[np.int8]) -> Columns:
     # Rounded to the three decimals of the format.
     calm = np.hypot(np.round(rows["u"], 3), np.round(rows["v"], 3)) == 0.0
     return {
-        "pressure": rows["pressure"],
-        "temperature": np.nan_to_num(rows["temperature"], nan=MISSING),
         "quality": np.where(np.isnan(rows["temperature"]), MISSING, 0.0),
         "u": np.where(calm, CALM, rows["u"]),
         "v": np.where(calm, 0.0, rows["v"]),
@@ -112,9 +110,7 @@ _NO_VALUE = "-888888.00000      0"
 def _little_r_columns(rows: Rows, platform: NDArray[np.int8]) -> Columns:
     speed, direction = speed_and_direction(rows["u"], rows["v"], least=LEAST_DIRECTION)
     return {
-        "pressure": rows["pressure"],
         "height_quality": np.where(platform == PLATFORMS.index("TAMDAR"), 0, 1),
-        "temperature": np.nan_to_num(rows["temperature"], nan=MISSING),
         "speed": np.maximum(speed, SLOWEST),
         "direction": direction,
     }
@@ -193,12 +189,10 @@ def write_ob_ascii(request: Request) -> dict[str, Any]:
         # The angle of the component error across the wind.
         angle = np.degrees(np.arctan2(error, speed))
         return {
-            "pressure": rows["pressure"],
             "speed": speed,
             "error": np.clip(error, LEAST_ERROR, LARGEST_ERROR),
             "direction": direction,
             "angle": np.clip(angle, LEAST_ERROR, LARGEST_ERROR),
-            "temperature": np.nan_to_num(rows["temperature"], nan=MISSING),
             "quality": np.where(np.isnan(rows["temperature"]), -88, 0),
         }
 

@@ -342,38 +342,36 @@ def overlap(
     """
     _require_columns(reports)
     points = _points(*(reports[name].values for name in COLUMNS))
-    return {
-        name: {"reference": name} | _overlap(model, points, max_time_gap)
-        for name, model in catalogues_of(catalogues).items()
-    }
-
-
-def _overlap(model: Catalogue, points: Points, max_time_gap: float) -> dict[str, Any]:
     latitude, longitude = points.latitude, points.longitude
-    model = model.for_places(latitude, longitude)
-    times = _schedule(points, model.valid, max_time_gap=max_time_gap)
-    timed = times.earlier >= 0
-    placed, between = np.zeros((2, points.time.size), dtype=bool)
-    for number in np.unique(times.earlier[timed]).tolist():
-        mine = times.earlier == number
-        grid, levels = model.grids[int(model.profiles["grid"][number])], model.levels(number)
-        low, high = levels[[0, -1]] if model.is_isobaric(number) else (-np.inf, np.inf)
-        placed[mine] = grid.contains(latitude[mine], longitude[mine])
-        between[mine] = (points.pressure[mine] >= low) & (points.pressure[mine] <= high)
-    isobaric = np.repeat(model.profiles["level_kind"] == ISOBARIC, np.diff(model.bounds))
-    outlines = np.array([model.grids[int(n)].outline() for n in np.unique(model.profiles["grid"])])
-    matched = int((placed & between).sum())
-    return {
-        "reports": points.size,
-        "matched": matched,
-        "without_time": points.size - int(timed.sum()),
-        "outside_grid": int((timed & ~placed).sum()),
-        "outside_levels": int(placed.sum()) - matched,
-        "report_extent": _extent(points.time, latitude, longitude, points.pressure),
-        "model_extent": _extent(
-            model.valid, outlines[:, :2], outlines[:, 2:], model.rows["level"][0, isobaric]
-        ),
-    }
+    counts: dict[str, dict[str, Any]] = {}
+    for name, catalogue in catalogues_of(catalogues).items():
+        model = catalogue.for_places(latitude, longitude)
+        times = _schedule(points, model.valid, max_time_gap=max_time_gap)
+        timed = times.earlier >= 0
+        placed, between = np.zeros((2, points.time.size), dtype=bool)
+        for number in np.unique(times.earlier[timed]).tolist():
+            mine = times.earlier == number
+            grid, levels = model.grids[int(model.profiles["grid"][number])], model.levels(number)
+            low, high = levels[[0, -1]] if model.is_isobaric(number) else (-np.inf, np.inf)
+            placed[mine] = grid.contains(latitude[mine], longitude[mine])
+            between[mine] = (points.pressure[mine] >= low) & (points.pressure[mine] <= high)
+        isobaric = np.repeat(model.profiles["level_kind"] == ISOBARIC, np.diff(model.bounds))
+        numbers = np.unique(model.profiles["grid"]).tolist()
+        outlines = np.array([model.grids[number].outline() for number in numbers])
+        matched = int((placed & between).sum())
+        counts[name] = {
+            "reference": name,
+            "reports": points.size,
+            "matched": matched,
+            "without_time": points.size - int(timed.sum()),
+            "outside_grid": int((timed & ~placed).sum()),
+            "outside_levels": int(placed.sum()) - matched,
+            "report_extent": _extent(points.time, latitude, longitude, points.pressure),
+            "model_extent": _extent(
+                model.valid, outlines[:, :2], outlines[:, 2:], model.rows["level"][0, isobaric]
+            ),
+        }
+    return counts
 
 
 def _extent(time: Ints, latitude: Floats, longitude: Floats, pressure: Floats) -> str:

@@ -112,7 +112,7 @@ class ReportArchive:
 
     def __init__(self, job: Job) -> None:
         self._asked = job.config.reports
-        self._frames: dict[str, pd.DataFrame] = {}
+        self._read: dict[str, tuple[pd.DataFrame, Audit]] = {}
         key = fingerprint(self._asked.model_dump(exclude={"files"}), code_digest())
         note = read_note(job.notes / "reports.json")
         noted = note["files"] if note.get("key") == key else {}
@@ -122,8 +122,8 @@ class ReportArchive:
             identity = [status.st_size, status.st_mtime_ns]
             entry = noted.get(name, {})
             if entry.get("identity") != identity:
-                audit, frame = self._read(name).as_dict(), self._frames[name]
-                entry = {"identity": identity, "audit": audit, "days": _days_of(frame)}
+                frame, audit = self._content(name)
+                entry = {"identity": identity, "audit": audit.as_dict(), "days": _days_of(frame)}
                 entry["tails"] = frame["tail"].unique().tolist()
             return (name, entry), Audit.from_dict(entry["audit"])
 
@@ -144,15 +144,11 @@ class ReportArchive:
         self.days = pd.DataFrame(rows, columns=["file", "day", "count", "mark"])
         self.count = int(self.days["count"].sum())  # duplicates included
 
-    def _read(self, name: str) -> Audit:
-        options: Any = {"format": self._asked.format, "columns": self._asked.mapping}
-        self._frames[name], audit = read_file(name, **options)
-        return audit
-
-    def _frame(self, name: str) -> pd.DataFrame:
-        if name not in self._frames:
-            self._read(name)
-        return self._frames[name]
+    def _content(self, name: str) -> tuple[pd.DataFrame, Audit]:
+        if name not in self._read:
+            asked = self._asked
+            self._read[name] = read_file(name, format=asked.format, columns=asked.mapping)
+        return self._read[name]
 
     @property
     def months(self) -> list[str]:
@@ -175,7 +171,7 @@ class ReportArchive:
         start, stop = _month_bounds(month)
         tables = []
         for name in self._near(month)["file"].unique():
-            frame = self._frame(name)
+            frame, _ = self._content(name)
             inside = frame["time"].between(start - MARGIN, stop + MARGIN, inclusive="left")
             tables.append(frame if inside.all() else frame[inside])
         return tables
@@ -184,14 +180,14 @@ class ReportArchive:
         """Drop the reports of files that no later month needs."""
         _, stop = _month_bounds(month)
         later = self.days["day"] >= (stop - MARGIN).astype("M8[D]").astype(int)
-        for name in set(self._frames).difference(self.days["file"][later]):
-            del self._frames[name]
+        for name in set(self._read).difference(self.days["file"][later]):
+            del self._read[name]
 
     def places(self, most: int) -> xr.Dataset:
         """Times and places of at most ``most`` reports, evenly selected from all files."""
         step = max(1, self.count // most)
         columns = ["time", "latitude", "longitude", "pressure"]
-        every = pd.concat([self._frame(name)[columns][::step] for name in self.files])
+        every = pd.concat([self._content(name)[0][columns][::step] for name in self.files])
         return xr.Dataset({name: ("report", every[name].to_numpy()) for name in columns})
 
     def audit_of(self, headings: xr.Dataset) -> Audit:

@@ -20,7 +20,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import dask.array as da
 import numpy as np
@@ -55,6 +55,8 @@ _NEEDED: dict[str, tuple[str, ...]] = {
 }
 _WITHOUT_ROWS = ("reduced_gg", "reduced_ll", "sh", "unstructured_grid", "healpix")
 _KEYS = ("gridType", "shortName", "typeOfLevel", "numberOfPoints")
+_Piece = tuple[dict[str, Any], Floats]
+"""Index of one field along each dimension but that of alternatives, and the array of its values."""
 
 
 def opened(file: SourceFile, engine: str) -> list[xr.Dataset]:
@@ -254,13 +256,6 @@ def _variables(
     return datasets, skipped, sorted(odd)
 
 
-class _Piece(NamedTuple):
-    """Request for the values of one field: where they are, and the array that takes them."""
-
-    at: dict[str, Any]  # index along each dimension but that of alternatives
-    target: Floats
-
-
 class DatasetReader(Reader):
     """Values of the fields of model times at grid points.
 
@@ -295,7 +290,7 @@ class DatasetReader(Reader):
                         zip((stored.y, stored.x), rows, strict=True)
                     )
                     chunk = int(stored.chunk_numbers(row["index"]))
-                    pieces[file, int(row["subindex"]), stored, chunk].append(_Piece(at, seen[key]))
+                    pieces[file, int(row["subindex"]), stored, chunk].append((at, seen[key]))
                 mine.append((row, stored, seen[key]))
             answers.append(mine)
         for (file, number, stored, _), together in pieces.items():
@@ -304,8 +299,8 @@ class DatasetReader(Reader):
             else:
                 datasets = self.open(file, lambda source: opened(source, engine))
             if datasets is None:
-                for piece in together:
-                    piece.target[...] = np.nan
+                for _, target in together:
+                    target[...] = np.nan
                 continue
             for name in stored.names:
                 try:
@@ -314,25 +309,25 @@ class DatasetReader(Reader):
                 except Exception as error:  # backends raise many kinds
                     reason = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
                     self.problems[file.path, f"{name}: cannot be read: {reason}"] = None
-                    for piece in together:
-                        piece.target[...] = np.nan
+                    for _, target in together:
+                        target[...] = np.nan
         return [[_in_si(*entry) for entry in mine] for mine in answers]
 
 
 def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> None:
     staggered = {"x": stored.x, "y": stored.y}.get(stored.stagger)
     box = {d: slice(0, size) for d, size in zip(stored.dims, stored.shape, strict=True)}
-    for dim in pieces[0].at:
-        places = [piece.at[dim] for piece in pieces]
+    for dim in pieces[0][0]:
+        places = [at[dim] for at, _ in pieces]
         low, high = min(int(np.min(p)) for p in places), max(int(np.max(p)) for p in places)
         box[dim] = slice(low, high + 1 + (dim == staggered))
     block = variable[tuple(box[d] for d in stored.dims)]
     lazy = block.chunks is not None
     values = np.asarray(block.data.compute(scheduler="synchronous") if lazy else block.values)
 
-    def taken(piece: _Piece, more: int) -> Floats:
+    def taken(at: dict[str, Any], more: int) -> Floats:
         """Values at the points, or at the next ones along the staggered axis."""
-        place = {d: n - box[d].start + more * (d == staggered) for d, n in piece.at.items()}
+        place = {d: n - box[d].start + more * (d == staggered) for d, n in at.items()}
         index = tuple(place.get(d, 0) for d in stored.dims if d != stored.either)
         if not stored.either:
             return np.asarray(values[index], dtype=np.float64)
@@ -343,11 +338,11 @@ def _add(variable: xr.Variable, stored: StoredField, pieces: list[_Piece]) -> No
             first = np.where(np.isnan(first), alternative, first)
         return first
 
-    for piece in pieces:
-        result = taken(piece, 0)
+    for at, target in pieces:
+        result = taken(at, 0)
         if staggered:  # points lie between: the mean of the two neighbours
-            result = 0.5 * result + 0.5 * taken(piece, 1)
-        piece.target[...] += result
+            result = 0.5 * result + 0.5 * taken(at, 1)
+        target[...] += result
 
 
 def _in_si(row: np.void, stored: StoredField, values: Floats) -> Floats:
