@@ -181,8 +181,8 @@ def _frame(text: str) -> Frame:
         )
     if kind == "latitude_longitude" or crs.is_geographic:
         return LONGITUDE_LATITUDE
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a PROJ string names no datum: none is needed here
+    # a PROJ string names no datum: none is needed here
+    with warnings.catch_warnings(action="ignore"):
         return Frame("projected", str(Proj(crs).srs))
 
 

@@ -273,23 +273,20 @@ def recognised(name: str) -> tuple[str | None, str]:
         return parsed[0].stem, parsed[1]
     text = _BRACKET.sub("", name)
     written = _BRACKET.search(name) or _ENDING.search(text)
-    stem, unit = _other_name(_ENDING.sub("", text)), _unit_of(written[1] if written else "")
-    if stem is None and (glued := _GLUED.fullmatch(text)):
-        stem, unit = _other_name(glued[1]), _unit_of(glued[2])
-        if stem not in QUANTITIES or not compatible(unit, QUANTITIES[stem].si_unit):
-            return None, ""
-    fits = stem in QUANTITIES and compatible(unit, QUANTITIES[stem].si_unit)
-    return stem, unit if fits else ""
+    stem, unit = _other_name(_ENDING.sub("", text)), written[1] if written else ""
+    glued = _GLUED.fullmatch(text) if stem is None else None
+    if glued:
+        stem, unit = _other_name(glued[1]), glued[2]
+    # Units are often written in another case than that of the SI.
+    unit = unit if unit in _SPELLINGS else _FOLDED.get(unit.lower(), unit)
+    if stem in QUANTITIES and compatible(unit, QUANTITIES[stem].si_unit):
+        return stem, unit
+    return None if glued else stem, ""
 
 
 def _other_name(text: str) -> str | None:
     text = re.sub(r"[^a-z0-9]", "", text.lower())
     return next((stem for stem, names in OTHER_NAMES.items() if re.fullmatch(names, text)), None)
-
-
-def _unit_of(written: str) -> str:
-    """A unit as written, or as the same letters in another case mean it."""
-    return written if written in _SPELLINGS else _FOLDED.get(written.lower(), written)
 
 
 @cache

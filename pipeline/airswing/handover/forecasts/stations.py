@@ -224,9 +224,9 @@ def _fields_of(
     path: str, latitude: Floats, longitude: Floats, skipped: Skipped
 ) -> Iterator[_Field]:
     try:
-        for window, start, edition, length in whole_messages(path, skipped):
+        for get, start, edition, length in whole_messages(path, skipped):
             try:
-                for single, sections in single_fields(window.get(start, length), edition):
+                for single, sections in single_fields(get(start, length), edition):
                     try:
                         field = _at_stations(single, edition, sections, latitude, longitude)
                     except UnplaceableGridError as err:

@@ -137,40 +137,21 @@ class GarbageError(Exception):
     """Bytes that are not a whole message."""
 
 
+Get = Callable[[int, int], bytes]
+"""Reads a number of bytes from a place in a file; fewer at its end."""
 Parts = Iterator[tuple[int | None, Callable[[int], Field]]]
 """For each field of a message its kind (None: another variable) and a reader of its other keys."""
-
-
-class Window:
-    """A file read through small positioned reads, of which the last two are kept."""
-
-    def __init__(self, descriptor: int) -> None:
-        self.descriptor = descriptor
-        self.size = os.fstat(descriptor).st_size
-        self._start, self._data = 0, b""
-        self._before = 0, b""
-
-    def get(self, start: int, length: int) -> bytes:
-        """`length` bytes from `start`; fewer at the end of the file."""
-        at = start - self._start
-        if at < 0 or at + length > len(self._data):
-            self._before, (self._start, self._data) = (self._start, self._data), self._before
-            at = start - self._start
-            if at < 0 or at + length > len(self._data):
-                self._data = os.pread(self.descriptor, max(length, _READ_BYTES), start)
-                self._start, at = start, 0
-        return self._data[at : at + length]
 
 
 def scan_file(path: str) -> FileContents:
     """List the wind and pressure fields of a file."""
     contents = FileContents()
-    for window, start, edition, length in whole_messages(path, contents.skipped):
+    for get, start, edition, length in whole_messages(path, contents.skipped):
         contents.messages += 1
         before = len(contents.fields)
         parts = _parts_of_1 if edition == 1 else _parts_of_2
         try:
-            for kind, field_of in parts(window, start, length, contents):
+            for kind, field_of in parts(get, start, length, contents):
                 if kind == _SPEED:
                     contents.skipped["wind", "wind speed or direction, not u and v"] += 1
                 elif kind is not None:
@@ -191,58 +172,64 @@ def scan_file(path: str) -> FileContents:
 
 def whole_messages(
     path: str, skipped: Counter[tuple[str, str]]
-) -> Iterator[tuple[Window, int, int, int]]:
-    """The opened file, and offset, edition and length of each whole message in it.
+) -> Iterator[tuple[Get, int, int, int]]:
+    """A reader of the file, and offset, edition and length of each whole message in it.
 
     Incomplete messages are counted in `skipped`.
     """
-    with open(path, "rb", buffering=0) as file:
-        window, at = Window(file.fileno()), 0
-        while at < window.size:
-            head = window.get(at, 16)
+    # small reads, because most of a message is not needed
+    with open(path, "rb", buffering=_READ_BYTES) as file:
+
+        def get(start: int, length: int) -> bytes:
+            file.seek(start)
+            return file.read(length)
+
+        size, at = os.fstat(file.fileno()).st_size, 0
+        while at < size:
+            head = get(at, 16)
             if head[:4] != b"GRIB":
-                ahead = os.pread(window.descriptor, _SEARCHED + 3, at).find(b"GRIB")
+                ahead = get(at, _SEARCHED + 3).find(b"GRIB")
                 at += ahead if ahead >= 0 else _SEARCHED
                 continue
             try:
-                edition, length = _length(window, at, head)
+                edition, length = _length(get, at, head, size)
             except GarbageError as reason:
                 skipped["message", str(reason)] += 1
                 at += 4
                 continue
-            yield window, at, edition, length
+            yield get, at, edition, length
             at += length
 
 
-def _length(window: Window, at: int, head: bytes) -> tuple[int, int]:
+def _length(get: Get, at: int, head: bytes, size: int) -> tuple[int, int]:
     if len(head) < 16:
         raise GarbageError("truncated message")
     edition = head[7]
     if edition == 1:
         length = unsigned(head, 4, 3)
         if length & _LARGE:
-            length = _large_length(window, at, length)
+            length = _large_length(get, at, length)
     elif edition == 2:
         length = unsigned(head, 8, 8)
     else:
         raise GarbageError(f"garbage: GRIB edition {edition}")
-    if at + length > window.size:
+    if at + length > size:
         raise GarbageError("truncated message")
-    if length < 16 or window.get(at + length - 4, 4) != b"7777":
+    if length < 16 or get(at + length - 4, 4) != b"7777":
         raise GarbageError("garbage: no 7777 at the message's end")
     return edition, length
 
 
-def _large_length(window: Window, at: int, stated: int) -> int:
+def _large_length(get: Get, at: int, stated: int) -> int:
     """Length of a GRIB1 message above 8 MB, by ECMWF's convention.
 
     The message's length counts in units of 120 bytes, and the length of section 4 holds the excess,
     less than a unit. If section 4 states its length, that of the message is in bytes.
     """
-    place, flags = at + 8, window.get(at + 15, 1)[0]
+    place, flags = at + 8, get(at + 15, 1)[0]
     for present in (0xFF, flags & 0x80, flags & 0x40):
-        place += unsigned(window.get(place, 3), 0, 3) if present else 0
-    rest = unsigned(window.get(place, 3), 0, 3)
+        place += unsigned(get(place, 3), 0, 3) if present else 0
+    rest = unsigned(get(place, 3), 0, 3)
     return stated if rest >= _LARGE_UNIT else (stated & ~_LARGE) * _LARGE_UNIT - rest + 4
 
 
@@ -271,9 +258,7 @@ def single_fields(message: bytes, edition: int) -> Iterator[tuple[bytes, dict[in
         yield message[:8] + (16 + len(body)).to_bytes(8, "big") + body, content
 
 
-def _sections_2(
-    get: Callable[[int, int], bytes], start: int, length: int
-) -> Iterator[tuple[dict[int, int], int]]:
+def _sections_2(get: Get, start: int, length: int) -> Iterator[tuple[dict[int, int], int]]:
     """Offsets of the sections of each field by number, and of the last bitmap (-1: none)."""
     sections: dict[int, int] = {}
     at, end, bitmap, before = start + 16, start + length - 4, -1, 0
@@ -297,8 +282,8 @@ def _sections_2(
 # GRIB edition 1
 
 
-def _parts_of_1(window: Window, start: int, length: int, contents: FileContents) -> Parts:
-    product = window.get(start + 8, max(28, min(unsigned(window.get(start + 8, 3), 0, 3), 80)))
+def _parts_of_1(get: Get, start: int, length: int, contents: FileContents) -> Parts:
+    product = get(start + 8, max(28, min(unsigned(get(start + 8, 3), 0, 3), 80)))
     # bytes 4, 5 and 9; NCEP (centre 7) has another table 128
     table, centre, parameter = product[3], product[4], product[8]
     kind = None
@@ -306,11 +291,11 @@ def _parts_of_1(window: Window, start: int, length: int, contents: FileContents)
         kind = _ECMWF_1.get(parameter)
     elif table in (1, 2, 3) or (table in (130, 131) and centre == 7 and parameter not in (31, 32)):
         kind = _WMO_1.get(parameter)
-    yield kind, lambda kind: _field_1(window, start, length, kind, product, contents)
+    yield kind, lambda kind: _field_1(get, start, length, kind, product, contents)
 
 
 def _field_1(
-    window: Window, start: int, length: int, kind: int, product: bytes, contents: FileContents
+    get: Get, start: int, length: int, kind: int, product: bytes, contents: FileContents
 ) -> Field:
     # bytes 10 to 12: level; 18 to 21: unit, P1, P2 and time range (code table 5)
     surface, level = product[9], float(unsigned(product, 10, 2))
@@ -329,21 +314,21 @@ def _field_1(
     # ECMWF's local section: number of the ensemble member
     member = product[49] if product[4] == 98 and len(product) >= 50 and product[40] == 1 else 0
     end = start + length - 4
-    at = start + 8 + _section_length(window, start + 8, end, 28)
+    at = start + 8 + _section_length(get, start + 8, end, 28)
     if not product[7] & 0x80:
         raise SkippedError("grid", f"no grid section (predefined grid {product[6]})")
-    section = window.get(at, _section_length(window, at, end, 28))
+    section = get(at, _section_length(get, at, end, 28))
     at += len(section)
     grid = contents.grid_number(1, section)
     size, bitmap = read_grid(1, section).size, -1
     if product[7] & 0x40:
-        n_bytes, predefined = _section_length(window, at, end, 6), unsigned(window.get(at, 6), 4, 2)
+        n_bytes, predefined = _section_length(get, at, end, 6), unsigned(get(at, 6), 4, 2)
         if predefined:
             raise SkippedError("message", f"predefined bitmap {predefined}")
         _check_bitmap(n_bytes - 6, size)
         bitmap, at = at + 6, at + n_bytes
     # section 4: length in bytes 1-3, flags in the upper half of 4, E in 5-6, R in 7-10, bits in 11
-    data = window.get(at, 11)
+    data = get(at, 11)
     if len(data) < 11 or at + 11 > end:
         raise GarbageError
     n_bytes, packing, bits = unsigned(data, 0, 3), data[3] >> 4, data[10]
@@ -364,8 +349,8 @@ def _field_1(
     return Field(*leading, *place, sparse, *scale, bitmap, at + 11, stop)
 
 
-def _section_length(window: Window, at: int, end: int, least: int) -> int:
-    length = unsigned(window.get(at, 3), 0, 3)
+def _section_length(get: Get, at: int, end: int, least: int) -> int:
+    length = unsigned(get(at, 3), 0, 3)
     if length < least or at + length > end:
         raise GarbageError
     return length
@@ -374,17 +359,17 @@ def _section_length(window: Window, at: int, end: int, least: int) -> int:
 # GRIB edition 2
 
 
-def _parts_of_2(window: Window, start: int, length: int, contents: FileContents) -> Parts:
-    discipline = window.get(start, 8)[6]
-    for subindex, (sections, bitmap) in enumerate(_sections_2(window.get, start, length)):
-        product = window.get(sections[4], 37)
+def _parts_of_2(get: Get, start: int, length: int, contents: FileContents) -> Parts:
+    discipline = get(start, 8)[6]
+    for subindex, (sections, bitmap) in enumerate(_sections_2(get, start, length)):
+        product = get(sections[4], 37)
         # bytes 10 and 11: category and number (code table 4.2 of discipline 0)
         kind, place = _KINDS_2.get((discipline, product[9], product[10])), (start, length, subindex)
-        yield kind, partial(_field_2, window, product, sections, bitmap, contents, place)
+        yield kind, partial(_field_2, get, product, sections, bitmap, contents, place)
 
 
 def _field_2(
-    window: Window,
+    get: Get,
     product: bytes,
     sections: dict[int, int],
     last_bitmap: int,
@@ -400,8 +385,8 @@ def _field_2(
         raise SkippedError("wind", f"{'uvp'[kind]} of a layer (level types {surface}, {second})")
     if surface == _ISOBARIC_TYPE:
         _check_level(level)
-    identification = window.get(sections[1], 21)
-    local = window.get(sections[2], 13) if 2 in sections else b""
+    identification = get(sections[1], 21)
+    local = get(sections[2], 13) if 2 in sections else b""
     if reason := grib_statistic(2, {1: identification, 2: local, 4: product}):
         raise SkippedError("wind", reason)
     template, n_bytes = unsigned(product, 7, 2), unsigned(product, 0, 4)
@@ -410,19 +395,19 @@ def _field_2(
     lead = signed(product, 18, 4) * _seconds(product[17], _UNITS_2)
     # bytes 13-14 year, then month, day, hour, minute, second
     valid = _valid_time(lead, unsigned(identification, 12, 2), *identification[14:19])
-    section = window.get(sections[3], unsigned(window.get(sections[3], 4), 0, 4))
+    section = get(sections[3], unsigned(get(sections[3], 4), 0, 4))
     grid, size = contents.grid_number(2, section), read_grid(2, section).size
     if unsigned(section, 6, 4) != size:
         raise _damaged(f"{unsigned(section, 6, 4):,} data points on a grid of {size:,}")
-    indicator = window.get(sections[6], 6)[5]
+    indicator = get(sections[6], 6)[5]
     bitmap = {255: -1, 0: sections[6], 254: last_bitmap}.get(indicator, -1)
     if indicator != 255 and bitmap < 0:
         raise SkippedError("message", f"predefined bitmap {indicator}")
     if bitmap >= 0:
-        _check_bitmap(unsigned(window.get(bitmap, 4), 0, 4) - 6, size)
+        _check_bitmap(unsigned(get(bitmap, 4), 0, 4) - 6, size)
     numbered = template not in (FORECAST, DERIVED) and product[35] != 255
-    start, end = sections[7] + 5, sections[7] + unsigned(window.get(sections[7], 4), 0, 4)
-    packed = window.get(sections[5], 21)
+    start, end = sections[7] + 5, sections[7] + unsigned(get(sections[7], 4), 0, 4)
+    packed = get(sections[5], 21)
     n_bytes, packing, coded = unsigned(packed, 0, 4), unsigned(packed, 9, 2), unsigned(packed, 5, 4)
     if n_bytes < _LENGTHS_5.get(packing, 0):
         raise _damaged(f"section 5 of {n_bytes} bytes for template 5.{packing}")

@@ -137,8 +137,7 @@ def quiet() -> Iterator[None]:
     for log in logs:
         log.setLevel(logging.CRITICAL)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             yield
     finally:
         for log, level in zip(logs, before, strict=True):
@@ -214,9 +213,9 @@ def _variables(
     skipped: Counter[tuple[str, str]] = Counter()
     # by grid type, variable, kind of level, edition and grid section
     kinds: dict[tuple[str, str, str, int, bytes], dict[int, Any]] = {}
-    for window, start, edition, length in whole_messages(path, skipped):
+    for get, start, edition, length in whole_messages(path, skipped):
         try:
-            for single, sections in single_fields(window.get(start, length), edition):
+            for single, sections in single_fields(get(start, length), edition):
                 message = Message(eccodes.codes_new_from_message(single))
                 grid, name, level, count = (message.get(key) for key in _KEYS)
                 if name not in _NEEDED.get(level, ()):
