@@ -29,6 +29,10 @@ from airswing.units import KNOT
 _SHORT = {"lat": "latitude", "lon": "longitude"}
 _PLACE = ("time", "latitude", "longitude", "pressure")
 TABLES = (".csv", ".parquet")
+_ADDED = (
+    *("eastward_wind_m_s", "northward_wind_m_s", "wind_direction_deg", "wind_speed_kt"),
+    "lead_time_h",
+)
 
 
 def append_winds(
@@ -89,12 +93,10 @@ def append_winds(
         at_model = winds.sel(reference=name)
         u, v = (at_model[f"reference_{way}ward_wind"].to_numpy() for way in ("east", "north"))
         speed = np.hypot(u, v)
-        extended[f"{name}_eastward_wind_m_s"] = u
-        extended[f"{name}_northward_wind_m_s"] = v
         direction = np.where(speed > 0.0, direction_in_degrees(u, v), np.nan)
-        extended[f"{name}_wind_direction_deg"] = direction
-        extended[f"{name}_wind_speed_kt"] = speed / KNOT
-        extended[f"{name}_lead_time_h"] = at_model["lead_time"].to_numpy()
+        values = (u, v, direction, speed / KNOT, at_model["lead_time"].to_numpy())
+        for column, values_of_column in zip(_ADDED, values, strict=True):
+            extended[f"{name}_{column}"] = values_of_column
     return extended
 
 
@@ -152,7 +154,7 @@ def collocate_track(
     with atomic(output) as temporary:
         if output.suffix.lower() == ".csv":
             # The columns of the track are written as they are.
-            added = extended.columns.difference(table.columns)
+            added = [f"{name}_{column}" for name in models for column in _ADDED]
             extended[added] = extended[added].map("{:.3f}".format, na_action="ignore")
             extended.to_csv(temporary, index=False)
         else:
