@@ -119,19 +119,28 @@ def _validated(model: type[Model], content: dict[str, object], path: Path) -> Mo
     try:
         return model.model_validate(content)
     except ValidationError as err:
-        raise _explained(err, path, model) from err
+        raise _explained(err, content, path, model) from err
 
 
-def _explained(err: ValidationError, path: Path, model: type[BaseModel]) -> ConfigError:
-    """The faults that pydantic found, as one message.
+def _explained(
+    err: ValidationError, content: object, path: Path, model: type[BaseModel]
+) -> ConfigError:
+    """The faults that pydantic found in the content of a file, as one message.
 
     An unknown key is reported before a required key that is missing because of it.
     """
     faults: dict[str, ErrorDetails] = {}  # the first of each key
     for fault in sorted(err.errors(), key=lambda fault: fault["type"] != "extra_forbidden"):
-        # Pydantic adds the name of an alternative (``int | "auto"``) to the location.
-        keys = [str(key) for key in fault["loc"] if key != "constrained-int"]
-        faults.setdefault(".".join(k for k in keys if not k.startswith("literal[")), fault)
+        keys, value = [], content
+        for key in fault["loc"]:
+            if isinstance(value, dict) and (key in value or fault["type"] == "missing"):
+                value = value.get(key)
+            elif isinstance(value, list) and isinstance(key, int):
+                value = value[key]
+            else:  # pydantic adds the name of an alternative (``int | "auto"``)
+                continue
+            keys.append(str(key))
+        faults.setdefault(".".join(keys), fault)
 
     def message(fault: ErrorDetails) -> str:
         if fault["type"] == "extra_forbidden":
