@@ -90,6 +90,11 @@ def test_a_sample_is_not_mixed_with_what_is_there(folder):
     assert (folder / "notes.txt").exists() and not (folder / "ruc/old.grb").exists()
 
 
+def test_a_negative_seed_is_refused(folder):
+    done = airswing("sample", folder / "new", "--days", "1", "--aircraft", "1", "--seed", "-1")
+    assert done.returncode == 2 and "--seed" in done.stderr and "Traceback" not in done.stderr
+
+
 def test_a_track_without_a_model_says_what_it_needs(folder):
     words = ("collocate", "track.csv", "-o", "out.csv")
     assert "--reference NAME=GLOB" in airswing(*words).stderr

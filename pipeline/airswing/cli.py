@@ -51,6 +51,7 @@ Scheduler = Annotated[
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Results and errors only, no progress.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Seed = Annotated[int, typer.Option(help="Seed of all random numbers.", min=0)]
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -329,7 +330,7 @@ def simulate(
     effects: Annotated[
         Path | None, typer.Option(help="Effects file (YAML).", metavar="FILE")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 0,
+    seed: Seed = 0,
     quiet: Quiet = False,
 ) -> None:
     """Simulate the reports that the units should have sent."""
@@ -379,7 +380,7 @@ def gap(
 @app.command(name="gap-check")
 def gap_check(
     cases: Annotated[int, typer.Option(help="Number of cases.", min=1)] = 60,
-    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
+    seed: Seed = 1,
     output: Annotated[
         Path,
         typer.Option(
@@ -441,7 +442,7 @@ def sample(
     ],
     days: Annotated[int, typer.Option(help="Length of the archive.", min=1)] = 30,
     aircraft: Annotated[int, typer.Option(help="Number of aircraft.", min=1)] = 10,
-    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 1,
+    seed: Seed = 1,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace reports, models and truth in DIR.")
     ] = False,
