@@ -81,7 +81,10 @@ def test_a_finished_check_is_kept_and_failures_are_stated(checked):
     def broken(config, output, without):
         raise RuntimeError("exit status 1: no")
 
-    again = gap_check(root, PLAN, diagnoser=broken)  # diagnoses nothing again
+    messages = []
+    # diagnoses nothing again
+    again = gap_check(root, PLAN, diagnoser=broken, say=messages.append)
+    assert not any("rung 5" in message for message in messages)  # it was not asked for
     assert again.scores == check.scores and again.digest == check.digest
     missing = root / "diagnosed" / "case_001" / "gap.json"
     content = missing.read_text()
@@ -91,6 +94,11 @@ def test_a_finished_check_is_kept_and_failures_are_stated(checked):
     missing.unlink(missing_ok=True)
     assert len(gap_check(root, PLAN, diagnoser=broken, so_far=True).scores) == 9
     missing.write_text(content)
+
+
+def test_a_rung_that_is_given_twice_is_drawn_once():
+    once, twice = (Plan(10, 4, True, rungs=rungs, names=NAMES) for rungs in ((1,), (1, 1)))
+    assert len(twice.drawn()) == len(once.drawn()) == 10
 
 
 def test_the_report_lists_every_figure_and_case(checked, tmp_path):

@@ -210,6 +210,15 @@ def test_confusion_and_figure():
     assert len(check_figure(scores).axes) == 4 and len(check_figure([]).axes) == 4
 
 
+def test_the_figure_draws_closure_intervals_to_their_ends():
+    above = {"before": 7.0, "after": 6.7, "reduction_ci": [0.4, 0.6]}  # 0.3 is stated
+    axes = check_figure([score_case(label(), gap(claim(), closure=above))]).axes
+    closure = next(panel for panel in axes if panel.get_title() == "Closure")
+    _, _, (bars,) = closure.containers[0].lines
+    (ends,) = (segment[:, 1] for segment in bars.get_segments())
+    assert ends.tolist() == pytest.approx([0.3, 0.6])
+
+
 def test_the_published_digest_is_that_of_the_sealed_bytes(tmp_path):
     digest = seal([label()], tmp_path / "sealed")
     path = tmp_path / "sealed" / "labels.json"

@@ -25,7 +25,7 @@ from typing import Any
 
 from airswing.blind_check.score import Score, draws, score_case
 from airswing.products.whole_files import code_digest, write_json
-from airswing.synthetic.sealed.cases import Case, Size, plan_cases
+from airswing.synthetic.sealed.cases import RUNGS, Case, Size, plan_cases
 from airswing.synthetic.sealed.draws import World
 from airswing.synthetic.sealed.labels import Label, open_seal, seal
 from airswing.synthetic.sealed.sealed_archives import Archivist
@@ -55,10 +55,15 @@ class Plan:
         return Size.fast() if self.fast else Size()
 
     @property
+    def asked(self) -> list[int]:
+        """Rungs to run, each once."""
+        return list(dict.fromkeys(self.rungs or RUNGS))
+
+    @property
     def played(self) -> list[int]:
         """Rungs whose data are available."""
         available = self.real is not None and (self.real / "heading").is_dir()
-        return [rung for rung in self.rungs or (1, 2, 3, 4, 5) if rung != 5 or available]
+        return [rung for rung in self.asked if rung != 5 or available]
 
     def drawn(self) -> list[Case]:
         """Return the cases."""
@@ -153,7 +158,7 @@ def gap_check(
     are written and diagnosed at a time, by ``diagnoser``. With ``so_far`` only the cases that an
     earlier call diagnosed are scored.
     """
-    if 5 not in plan.played:
+    if plan.played != plan.asked:
         say("no real data: rung 5 is left out")
     cases, settings = plan.drawn(), plan.settings()
     digest = _sealed(output, cases, settings, plan.real, workers, say)

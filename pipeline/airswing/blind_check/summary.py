@@ -263,7 +263,7 @@ def _draw_closure(axes: Axes, scores: Sequence[Score]) -> None:
             axes.errorbar(
                 _values(used, "closure_true"),
                 stated,
-                np.maximum(np.abs(ends - stated), 0.0),
+                np.maximum([stated - ends[0], ends[1] - stated], 0.0),
                 fmt="o",
                 markersize=4,
                 elinewidth=0.6,
