@@ -8,6 +8,7 @@ from airswing.evaluation.innovations import member_mean, members_of
 from airswing.flags import SCREENING, STATUS
 from airswing.report.run import selection
 from airswing.report.run.heading_error import binned_medians
+from airswing.report.run.reading_warnings import model_reasons
 from airswing.report.run.selection import Run
 from airswing.reports.audit import similar
 from airswing.units import KNOT
@@ -149,6 +150,15 @@ def test_binned_medians_by_hand():
     bins = binned_medians(heading, value, width=15.0)
     assert bins[:2].tolist() == [[7.5], [3.0]]
     assert bins[2, 0] == pytest.approx(1.959964 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
+
+
+def test_one_more_file_is_singular():
+    skipped = [
+        {"file": f"{name}.grb", "what": "message", "reason": "truncated", "count": 1}
+        for name in "abc"
+    ]
+    assert model_reasons(skipped[:2]) == ["left out: truncated, 2 times in a.grb and 1 more file"]
+    assert model_reasons(skipped) == ["left out: truncated, 3 times in a.grb and 2 more files"]
 
 
 def test_tails_that_differ_in_case_or_blanks():

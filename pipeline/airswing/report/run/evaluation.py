@@ -300,7 +300,8 @@ def sensitivity_section(sensitivity: Content, show: html.Figures) -> html.Sectio
         lead = "No two references differ significantly by a size that matters: they can be pooled."
     elif unpoolable := [pair for pair in pairs if pair.get("poolable") is False]:
         named = "; ".join(f"{_pair_name(pair)} ({_why(pair)})" for pair in unpoolable[:2])
-        more = f", and {len(unpoolable) - 2} more pairs" if len(unpoolable) > 2 else ""
+        count = len(unpoolable) - 2
+        more = f", and {plural(count, 'more pair')}" if count > 0 else ""
         lead = f"Not poolable: {named}{more}."
     details = [_pair_table(pairs, "Every pair.")]
     for words in _SLICES:

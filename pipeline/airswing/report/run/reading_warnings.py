@@ -62,9 +62,10 @@ def reading_warnings(audit: AuditContent) -> list[str]:
     if groups := audit.get("similar_tails", []):
         shown = "; ".join(", ".join(map(repr, group)) for group in groups[:_GROUPS_SHOWN])
         more = len(groups) - _GROUPS_SHOWN
+        rest = f"; and {more} more group{'s' * (more > 1)}" if more > 0 else ""
         lines.append(
             "identifiers that differ only in case or blanks count as different aircraft: "
-            f"{shown}{f'; and {more} more groups' if more > 0 else ''}"
+            f"{shown}{rest}"
         )
     return lines
 
@@ -107,7 +108,8 @@ def model_reasons(skipped: Sequence[SkippedPart]) -> list[str]:
     lines = []
     for (kind, reason), entries in sorted(groups.items(), key=lambda item: -len(item[1])):
         names = [Path(entry["file"]).name for entry in entries]
-        where = names[0] + (f" and {len(names) - 1} more files" if len(names) > 1 else "")
+        more = len(names) - 1
+        where = names[0] + (f" and {more} more file{'s' * (more > 1)}" if more else "")
         total = sum(int(entry["count"]) for entry in entries)
         number = "" if kind == "file" else f"{total:,} times "
         lines.append(f"left out: {reason}, {number}in {where}")
