@@ -123,6 +123,16 @@ def test_lazy_products_give_the_same_page(full_page, tmp_path):
         assert report.write_page(eager.parents[1] / "lazy", **same).read_text() == text
 
 
+def test_captions_name_the_heading_of_the_fit(full_page, tmp_path):
+    assert full_page[0].count("by indicated magnetic heading (") == 3
+    headings, fits = factories.few(2, 40)
+    fits.attrs |= {"abscissa": "true", "table_resolution": 0.05}
+    text = report.write_page(tmp_path, headings=headings, fits=fits).read_text()
+    assert text.count("by indicated true heading (") == 3 and "magnetic heading" not in text
+    row = text[text.index('<td class="words">N40') :].split("</tr>")[0]
+    assert len(re.findall(r"<td>[+-]\d+\.\d\d</td>", row)) == 8
+
+
 def test_names_are_escaped_and_a_dollar_sign_begins_no_formula(tmp_path):
     odd = [r"$\frac{1$", "N_1^$2$", "<script>x</script>", "N&1"]
     headings, fits = (ds.assign_coords(aircraft=odd) for ds in factories.few(4))

@@ -11,7 +11,7 @@ from airswing.errors import InputError
 from airswing.flags import STATUS
 from airswing.report import write_swing_cards
 from airswing.report.run.heading_error import steer, swing_card
-from airswing.report.run.selection import Run
+from airswing.report.run.selection import Run, table_digits
 from tests.compass.flown import curve
 from tests.report import factories
 
@@ -78,6 +78,26 @@ def test_cards_state_that_no_table_or_only_a_constant_is_needed():
     fits["status"][0] = [STATUS["no_correction_needed"], STATUS["offset_only"], 1]
     assert any(text.startswith("No correction needed") for text in texts("N400", fits))
     assert any(text.startswith("Constant correction only") for text in texts("N401", fits))
+
+
+def test_a_card_has_the_decimals_of_the_table_and_the_heading_of_the_fit():
+    table = FITS["table_correction"] * 0 + 1.25
+    fits = FITS.assign(table_correction=table).assign_attrs(FITS.attrs)
+    fits.attrs |= {"table_resolution": 0.25, "abscissa": "true"}
+    card = texts("N400", fits)
+    assert card.count("+1.25") == 8
+    assert "Deviation card (true headings)" in card
+    assert any("with m the indicated true heading." in text for text in card)
+    axes = swing_card(Run(HEADINGS, fits, "ruc"), "N400").axes[0]
+    assert axes.get_xlabel() == "indicated true heading (degree)"
+
+
+@pytest.mark.parametrize(
+    ("resolution", "digits"),
+    [(0.1, 1), (1.0, 1), (0.5, 1), (0.25, 2), (0.05, 2), (0.001, 3), (0, 3)],
+)
+def test_decimals_of_a_table(resolution, digits):
+    assert table_digits(FITS.assign_attrs(table_resolution=resolution)) == digits
 
 
 def test_fits_without_tables_are_refused(tmp_path):

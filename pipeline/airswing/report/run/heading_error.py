@@ -1,4 +1,4 @@
-"""Heading error of an aircraft against its magnetic heading: the common drawing, and swing cards.
+"""Heading error of an aircraft against its indicated heading: the common drawing, and swing cards.
 
 The interval of a median takes reports as independent; those of one flight are not, so it is only a
 visual guide. A swing card is the deviation card of a compass swing. The file depends only on its
@@ -96,11 +96,11 @@ def draw_heading_error(
     limit: float | None = None,
     small: bool = False,
 ) -> None:
-    """Draw the heading error (n,) of one aircraft against magnetic heading, degrees, in a panel.
+    """Draw the heading error (n,) of one aircraft against its heading, degrees, in a panel.
 
-    `fit` is the fit of this aircraft against one reference. `limit` is half the height of the
-    panel, degrees, by default from the data. A small panel, one of many, has fewer points, thinner
-    lines and no axis titles.
+    The heading is that of `Run.points`. `fit` is the fit of this aircraft against one reference.
+    `limit` is half the height of the panel, degrees, by default from the data. A small panel, one
+    of many, has fewer points, thinner lines and no axis titles.
     """
     usable, curve = bool(published(fit["status"])), _curve(fit)
     limit = _error_limit(error, curve) if limit is None else limit
@@ -138,7 +138,8 @@ def draw_heading_error(
         axes.plot(nodes, table, "D", label="removed by the 8-point table", **dots)
     axes.set(xlim=(0, 360), xticks=range(0, 361, 90 if small else 45), ylim=(-limit, limit))
     if not small:
-        axes.set(xlabel="indicated magnetic heading (degree)", ylabel="heading error (degree)")
+        label = f"indicated {selection.abscissa(fit)} heading (degree)"
+        axes.set(xlabel=label, ylabel="heading error (degree)")
 
 
 @html.drawing()
@@ -201,10 +202,11 @@ def heading_errors_figure(run: Run, names: Sequence[str]) -> Figure:
         axes.tick_params(labelsize=8, labelbottom=True)
     reports = sum(heading.size for _, heading, *_ in shown)
     return figure.say(
-        f"Heading error (degree) against {run.reference} by indicated magnetic heading (degree), "
-        f"n = {plural(reports, 'report')} of {len(names)} aircraft. Grey: at most {_SMALL_DRAWN} "
-        f"reports of each; black: medians in bins of {SMALL_BIN_WIDTH:.0f} degrees; blue: fitted "
-        "curve (dashed: not usable), both with 95 % intervals; orange: removed by the table "
+        f"Heading error (degree) against {run.reference} by indicated "
+        f"{selection.abscissa(run.fits)} heading (degree), n = {plural(reports, 'report')} of "
+        f"{len(names)} aircraft. Grey: at most {_SMALL_DRAWN} reports of each; black: medians in "
+        f"bins of {SMALL_BIN_WIDTH:.0f} degrees; blue: fitted curve (dashed: not usable), both "
+        "with 95 % intervals; orange: removed by the table "
         f"({_table_words(run.fits)}).{run.bias_words}"
     )
 
@@ -285,12 +287,13 @@ def swing_card(run: Run, aircraft: str) -> Figure:
     reports = aircraft_reports(run.headings, aircraft)
     times = np.sort(reports["time"].to_numpy()[selection.used(reports)]).astype("M8[D]")
     date = str(fit.attrs.get("history", "")).split("T")[0] or "-"
+    argument, decimals = selection.abscissa(fit), selection.table_digits(fit)
     behind = [plural(int(fit[f"{name}_count"]), name) for name in ("report", "flight")]
     facts = {
         "Reference": f"{run.reference} (model winds)",
         "Period": f"{' to '.join(map(str, times[[0, -1]])) if times.size else '-'} (UTC)",
         "Reports": f"{' of '.join(behind)}, {int(fit['compass_points'])} of 8 compass points",
-        "Units": "degrees; headings magnetic, as indicated",
+        "Units": f"degrees; headings {argument}, as indicated",
         "Made": f"{date} with airswing {fit.attrs.get('airswing_version', __version__)}",
     }
     lines = Look(va="top", linespacing=1.5)
@@ -316,12 +319,12 @@ def swing_card(run: Run, aircraft: str) -> Figure:
             "8-point table for the unit",
             (0.10, "", _POINTS),
             (0.32, "indicated", [f"{node:03.0f}" for node in nodes]),
-            (0.66, meaning, [f"{value + 0.0:+.1f}" for value in fit["table_correction"].values]),
+            (0.66, meaning, [f"{x + 0.0:+.{decimals}f}" for x in fit["table_correction"].values]),
             (0.94, "± 95 %", [f"{half:.1f}" for half in curve_half_width(fit, nodes)]),
         ),
         (
             0.53,
-            "Deviation card (magnetic headings)",
+            f"Deviation card ({argument} headings)",
             (0.15, "FOR", aims[:6]),
             (0.38, "STEER", steered[:6]),
             (0.67, "FOR", aims[6:]),
@@ -341,11 +344,12 @@ def swing_card(run: Run, aircraft: str) -> Figure:
             spacing = 19.5 / len(cells)
             axes.text(x, 0.85, "\n".join(cells), va="top", linespacing=spacing, **look)
     coefficients = ",  ".join(f"{k} = {v}" for k, v in selection.coefficient_texts(fit).items())
+    deviation, sizes, largest = selection.formula(fit)
     words = [
-        selection.FORMULA[0],
+        deviation,
         f"{coefficients}   (± 95 %)",
-        f"{selection.fit_words(fit)}. {selection.FORMULA[1]}",
-        selection.FORMULA[2],
+        f"{selection.fit_words(fit)}. {sizes}",
+        largest,
         run.bias_words.strip(),
     ]
     figure.text(0.08, 0.2, "\n".join(words), color=INK, fontsize=8, **lines)

@@ -173,10 +173,11 @@ def _corrections_section(run: Run, folder: Path) -> html.Section:
     if selection.adds_error(run.fits):
         meaning = "the heading error itself, in degrees to subtract from the indicated heading"
     caption = (
-        f"Eight-point corrections by indicated magnetic heading ({meaning}), fitted against "
-        f"{run.reference}. Residual: rms error from eight points and rounding, degrees. Offset, "
-        "amplitude and phase in degrees with 95 % intervals. Largest amplitude first; click a "
-        f"column title to sort. Grey italics: not usable (n = {len(run.order)} aircraft)."
+        f"Eight-point corrections by indicated {selection.abscissa(run.fits)} heading ({meaning}), "
+        f"fitted against {run.reference}. Residual: rms error from eight points and rounding, "
+        "degrees. Offset, amplitude and phase in degrees with 95 % intervals. Largest amplitude "
+        "first; click a column title to sort. Grey italics: not usable "
+        f"(n = {len(run.order)} aircraft)."
     )
     fit = run.fits.sel(reference=run.reference, aircraft=run.order)
     status, usable = fit["status"].to_numpy(), published(fit["status"])
@@ -184,10 +185,11 @@ def _corrections_section(run: Run, folder: Path) -> html.Section:
     valid = fit.where(xr.DataArray(usable, dims="aircraft"))
     nodes = [f"{node:.0f}°" for node in fit["table_heading"].to_numpy()]
     tables = valid["table_correction"].transpose("node", "aircraft").to_numpy() + 0.0
+    decimals = selection.table_digits(fit)
     columns: dict[str, Iterable[object]] = {
         "aircraft": run.order,
         **{
-            node: [interval_text(value, np.nan, digits=1, sign=True) for value in row]
+            node: [interval_text(value, np.nan, digits=decimals, sign=True) for value in row]
             for node, row in zip(nodes, tables, strict=True)
         },
         "resi\u00addual": valid["table_residual_rms"].to_numpy(),
@@ -206,7 +208,7 @@ def _corrections_section(run: Run, folder: Path) -> html.Section:
     title = "The deviation's formula, and offset, amplitude and phase"
     parts = [
         html.table(columns, words=words, caption=caption, doubt=~usable, sortable=True),
-        html.folded(title, *selection.FORMULA),
+        html.folded(title, *selection.formula(run.fits)),
         html.listing(html.link(f"../{name}", PRODUCTS[name]) for name in present),
     ]
     lead = "The table to load into each unit."

@@ -26,14 +26,22 @@ from airswing.report.html import interval_text
 from airswing.units import KNOT, NORMAL_95
 
 Floats = NDArray[np.float64]
-#: The deviation's formula and the words of its one-cycle part, for page and card.
-FORMULA = (
-    "Deviation = A + B sin m + C cos m + D sin 2m + E cos 2m, with m the indicated magnetic "
-    "heading.",
-    "Offset = A, amplitude² = B² + C².",
-    "The one-cycle part B sin m + C cos m equals amplitude × sin(m + phase): it is largest at "
-    "m = 90° - phase.",
-)
+
+
+def abscissa(fits: xr.Dataset) -> str:
+    """Return which indicated heading the deviation is a function of: ``magnetic`` or ``true``."""
+    return str(fits.attrs.get("abscissa", "magnetic"))
+
+
+def formula(fits: xr.Dataset) -> list[str]:
+    """Return the deviation's formula and the words of its one-cycle part, for page and card."""
+    return [
+        "Deviation = A + B sin m + C cos m + D sin 2m + E cos 2m, with m the indicated "
+        f"{abscissa(fits)} heading.",
+        "Offset = A, amplitude² = B² + C².",
+        "The one-cycle part B sin m + C cos m equals amplitude × sin(m + phase): it is largest at "
+        "m = 90° - phase.",
+    ]
 
 
 def names_of(ds: xr.Dataset, coordinate: str = "aircraft") -> list[str]:
@@ -101,14 +109,14 @@ class Run:
         )
 
     def points(self, aircraft: str) -> tuple[Floats, Floats]:
-        """Return the magnetic heading and the heading error (degrees) of the reports of a fit.
+        """Return the heading (see `abscissa`) and its error (degrees) of the reports of a fit.
 
         The fitted bias b of the reference is subtracted as in the joint fit, so that the reports
         lie about the fitted curve: psi_err - (b_u cos psi - b_v sin psi) / V (docs/method.md).
         """
-        abscissa = "heading" if self.fits.attrs.get("abscissa") == "true" else "magnetic_heading"
+        name = "heading" if abscissa(self.fits) == "true" else "magnetic_heading"
         reports = drawn_columns(aircraft_reports(self.headings, aircraft))
-        heading = reports[abscissa].to_numpy().astype(float) % 360.0
+        heading = reports[name].to_numpy().astype(float) % 360.0
         errors = reports["heading_error"].sel(reference=members_of(reports, self.reference))
         error = member_mean(errors.astype(float)).to_numpy()
         if self.bias.any():
@@ -123,6 +131,13 @@ class Run:
 def adds_error(fits: xr.Dataset) -> bool:
     """Return whether the stored table is the heading error itself, which the unit subtracts."""
     return "add_error" in str(fits.attrs.get("table_sign", ""))
+
+
+def table_digits(fits: xr.Dataset) -> int:
+    """Return the decimals, at most three, that the nodes of a table have by its resolution."""
+    resolution = float(fits.attrs.get("table_resolution", 0.1))
+    exact = (k for k in (1, 2) if resolution > 0 and np.isclose(round(resolution, k), resolution))
+    return next(exact, 3)
 
 
 def table_error(fit: xr.Dataset) -> tuple[Floats, Floats]:
