@@ -190,19 +190,31 @@ TABLE = {
 }
 
 
+BY_AIRCRAFT = {"labels": ["N403"], "m_s": [0.4]}
+BY_TEMPERATURE = place()["curve"]
+BY_DIRECTION = {"labels": [str(10 * k) for k in range(36)], "m_s": [5.0] * 36, "unit": "percent"}
+
+
 @pytest.mark.parametrize(
-    "changes",
+    ("changes", "label"),
     [
-        {},
-        {"component": "scatter", "curve": {"labels": ["N403"], "m_s": [0.4]}},
-        {"component": "reported_speed", "curve": SPEEDS},
-        {"variables": ["magnetic_heading", "phase"], "curve": TABLE},
+        ({}, "fitted residual (kt)"),
+        ({"component": "scatter", "curve": BY_TEMPERATURE}, "root mean square (kt)"),
+        ({"component": "scatter", "curve": BY_AIRCRAFT}, "root mean square (kt)"),
+        ({"component": "reported_time", "curve": BY_AIRCRAFT}, "mean reduction (kt)"),
+        (
+            {"component": "reported_direction", "curve": BY_DIRECTION},
+            "reports above expected (percent)",
+        ),
+        ({"component": "reported_speed", "curve": SPEEDS}, "reported wind speed (kt)"),
+        ({"variables": ["magnetic_heading", "phase"], "curve": TABLE}, "phase"),
     ],
 )
-def test_curves_of_unexplained_errors(changes):
+def test_curves_of_unexplained_errors(changes, label):
     gap = content(places=[place(**changes)])
     figure = gap_figures(gap, MAPS)["unknown_1"]()
     check_figure(figure)
+    assert figure.axes[0].get_ylabel() == label
     if "variables" in changes:
         axes = figure.axes[0]
         assert labels(axes) == ["ascent", "cruise", "descent"]

@@ -98,7 +98,10 @@ def _unknown_curve_figure(place: PlaceEntry) -> Figure:
     value = factor * np.array(values, float)
     colours = [BLUE if level >= 0 else ORANGE for level in np.nan_to_num(value)]
     figure, axes = html.panels(2.9)
-    label = f"fitted residual ({unit})"
+    label = "root mean square" if place.component == "scatter" or not edges else "fitted residual"
+    if place.component.startswith("reported_"):
+        label = "reports above expected" if unit == "percent" else "mean reduction"
+    label = f"{label} ({unit})"
     if place.component == "reported_speed" and edges:
         simulated = factor * edges[0]
         axes.plot(simulated, simulated, color=INK, linewidth=0.8, linestyle="--")
@@ -122,7 +125,9 @@ def _unknown_curve_figure(place: PlaceEntry) -> Figure:
         html.zero_line(axes, across=True)
         axes.margins(x=max(0.05, 0.5 - 0.1 * value.size))
         axes.tick_params(axis="x", labelrotation=45 if len(names) > 8 else 0, labelsize=8.5)
-        axes.set_ylabel(f"root mean square ({unit})" if unit == "kt" else label)
+        axes.set_ylabel(label)
+        if unit == "percent":
+            axes.set_xlabel("wind direction (degree)")
     return figure.say(f"Fit of the unexplained error (n = {plural(int(value.size), 'value')}).")
 
 
