@@ -118,7 +118,7 @@ def run(folder: Path, name: str, only: Sequence[str]) -> None:
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
         text = json.dumps({"seconds": spent, "gigabytes": peak, "gap": content}, default=float)
         (target / f"{case}.json").write_text(text)
-        print(line(folder, label, target), flush=True)
+        print(line(label, target), flush=True)
 
 
 def scored(
@@ -257,7 +257,7 @@ def calibrate(scores: Path) -> None:
     print(f"closure intervals hold {np.mean([c for c in covered if c is not None]):.2f}")
 
 
-def line(folder: Path, label: Label, target: Path) -> str:
+def line(label: Label, target: Path) -> str:
     scores, gap = score(label, target / f"{label['name']}.json")
     truth = "; ".join(
         f"{e['name']}{'' if e['tails'] is None else len(e['tails'])}" for e in label["effects"]
