@@ -16,11 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from airswing.handover.forecasts.correcting import METHODS, SCORES, TIME
-from airswing.products.whole_files import write_text
 from airswing.report import html
 from airswing.report.html import Look, amount, plural
 from airswing.report.run.reading_warnings import tally
-from airswing.version import __version__
 
 NAMES = {
     "raw": "raw forecast",
@@ -45,7 +43,8 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
             parts.append(show("leads", _by_lead_figure(corrected, variable)))
         if corrected.sizes["station"] > 1:
             parts.append(show("stations", _stations_figure(corrected, variable)))
-    text = html.document(
+    return html.write_document(
+        Path(directory) / "index.html",
         title="airswing: forecasts corrected by their past errors",
         kicker=f"Kalman-filter post-processing  ·  {first} to {last}",
         headline=forecast_headline(corrected),
@@ -55,9 +54,8 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
             html.Section("figures", "By lead and station", "", parts),
             _notes_section(corrected),
         ],
-        footer=f"airswing {__version__}. Intervals are 95 %, by blocks of start days.",
+        footer="Intervals are 95 %, by blocks of start days.",
     )
-    return write_text(Path(directory) / "index.html", text)
 
 
 def forecast_headline(corrected: xr.Dataset) -> str:
@@ -121,17 +119,14 @@ def _notes_section(corrected: xr.Dataset) -> html.Section:
     return html.Section("notes", "Method", text, [html.listing(lines), html.listing([link])])
 
 
-def _with_unit(text: str, ds: xr.Dataset, variable: str) -> str:
-    unit = str(ds["variable_units"].sel(variable=variable).item())
-    return f"{text} ({unit})" if unit else text
-
-
 def _by_lead_figure(scored: xr.Dataset, variable: str) -> Figure:
     selected = scored.sel(variable=variable, period="held_out")
     figure, panels = html.panels(3.4, 1, 3, sharex=True)
+    unit = str(selected["variable_units"].item())
+    ending = f" ({unit})" if unit else ""
     shown = {
-        "forecast_error_mean": _with_unit("bias", scored, variable),
-        "forecast_error_centred_rms": _with_unit("centred rms", scored, variable),
+        "forecast_error_mean": f"bias{ending}",
+        "forecast_error_centred_rms": f"centred rms{ending}",
         "skill": "skill against raw",
     }
     for axes, (name, label) in zip(panels, shown.items(), strict=True):

@@ -62,14 +62,13 @@ def _waterfall_figure(gap: GapReport) -> Figure:
     bars += [(f"+ {plain_name(name)}", step, "") for name, step, _ in steps]
     bars += [("with all effects", end, html.GREEN), ("noise floor", floor, FAINT)]
     figure, axes = html.panels(1.5 + 0.42 * (len(steps) + 3))
-    look = Look(va="center", fontsize=9)
+    look = Look(va="center", fontsize=9, textcoords="offset points")
     look["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
     previous = before
     for row, (_, level, colour) in enumerate(bars):
         if colour:
             axes.barh(row, level, color=colour, height=0.62)
-            place = (level, row)
-            html.annotate(axes, f"{level:.2f} kt", place, (5, 0), ha="left", **look)
+            axes.annotate(f"{level:.2f} kt", (level, row), xytext=(5, 0), ha="left", **look)
             continue
         ends = steps[row - 1][2]
         colour = BLUE if level <= previous else ORANGE
@@ -77,7 +76,7 @@ def _waterfall_figure(gap: GapReport) -> Figure:
         axes.plot([previous, previous], [row - 1.31, row + 0.31], color=SOFT, linewidth=0.8)
         axes.plot(ends, [row, row], color=INK, linewidth=1.2, zorder=4)
         place = (min([level, previous, *ends]), row)
-        html.annotate(axes, f"{level - previous:+.2f}", place, (-5, 0), ha="right", **look)
+        axes.annotate(f"{level - previous:+.2f}", place, xytext=(-5, 0), ha="right", **look)
         previous = level
     label = "mean vector disagreement on held-out days (kt)"
     html.rows_axis(axes, [name for name, *_ in bars], label)

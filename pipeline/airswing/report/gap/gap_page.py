@@ -19,14 +19,12 @@ from matplotlib.figure import Figure
 from airswing.gap.diagnose import Diagnosis
 from airswing.gap.diagnose import diagnose as _diagnose
 from airswing.gap.result.schema import GapReport, SliceEntry
-from airswing.products.whole_files import write_text
 from airswing.report import html
 from airswing.report.gap import words
 from airswing.report.gap.figures import gap_figures
 from airswing.report.gap.words import closure_text, p_text, plain_name
 from airswing.report.html import amount, interval_text, joined, number_text
 from airswing.units import KNOT, NORMAL_95
-from airswing.version import __version__
 
 P = ParamSpec("P")
 _Drawn = Callable[..., list[Markup]]
@@ -56,7 +54,8 @@ def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path
         ]
     facts.append((f"{gap.gap.noise_floor_kt:.2f} kt", "noise floor"))
     p_value = p_text(gap.gap.significance).removeprefix("= ")
-    text = html.document(
+    return html.write_document(
+        directory / "index.html",
         title="airswing: gap between real and simulated reports",
         kicker="Gap between real and simulated reports",
         headline=words.headline(gap),
@@ -69,11 +68,10 @@ def write_gap_page(directory: Path, *, gap: GapReport, maps: xr.Dataset) -> Path
             _claims_section(gap),
             _statistics_section(gap, drawn),
         ],
-        footer=f"airswing {__version__}. Disagreement is the mean length of the difference between "
-        "reported and simulated wind, on held-out days. ± and ranges in brackets are 95 % "
-        "intervals. Map outline: Natural Earth and US Census Bureau, public domain.",
+        footer="Disagreement is the mean length of the difference between reported and simulated "
+        "wind, on held-out days. ± and ranges in brackets are 95 % intervals. Map outline: Natural "
+        "Earth and US Census Bureau, public domain.",
     )
-    return write_text(directory / "index.html", text)
 
 
 def _effects_section(gap: GapReport, drawn: _Drawn) -> html.Section:

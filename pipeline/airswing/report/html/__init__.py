@@ -29,7 +29,8 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from airswing.products.whole_files import atomic
+from airswing.products.whole_files import atomic, write_text
+from airswing.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -132,7 +133,7 @@ def interval_text(value: float, half: float, *, digits: int = 2, sign: bool = Fa
     """Return ``value ± half width``, only the number without an interval, or a dash."""
     if not np.isfinite(value):
         return "-"
-    number = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
+    number = f"{value:{'+' * sign}z.{digits}f}"
     return number + (f" ± {half:.{digits}f}" if np.isfinite(half) else "")
 
 
@@ -245,13 +246,6 @@ def cell_texts(
     for row, column in np.argwhere(np.isfinite(cells)):
         value, place = float(cells[row, column]), places[column] if places.size else column
         axes.text(place, row, text(value), color="white" if abs(value) > dark else INK, **look)
-
-
-def annotate(
-    axes: Axes, text: str, place: Sequence[float], points: tuple[int, int], **look: Any
-) -> None:
-    """Write a text at an offset in points from a place."""
-    axes.annotate(text, (place[0], place[1]), xytext=points, textcoords="offset points", **look)
 
 
 def count_ticks(bar: Colorbar, most: float) -> None:
@@ -388,12 +382,12 @@ def folded(summary: str, *parts: str, unfolded: bool = False) -> Markup:
     return text if body else body
 
 
-def document(*, sections: Iterable[Any], **content: object) -> str:
-    """Return a whole page as HTML; sections without parts, or false, are omitted.
+def write_document(path: Path, *, sections: Iterable[Any], footer: str, **content: object) -> Path:
+    """Write a whole page as HTML and return its path; sections without parts are omitted.
 
-    `content` is title, kicker, headline and footer, and, optionally, facts (number, words) and
-    warnings.
+    `content` is title, kicker and headline, and, optionally, facts (number, words) and warnings.
+    The footer begins with the version.
     """
     shown = [section for section in sections if section and section.body]
-    values = {"facts": (), "warnings": (), **content}
-    return _TEMPLATES.get_template("page.html").render(sections=shown, **values)
+    values = {"facts": (), "warnings": (), "footer": f"airswing {__version__}. {footer}", **content}
+    return write_text(path, _TEMPLATES.get_template("page.html").render(sections=shown, **values))

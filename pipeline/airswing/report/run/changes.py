@@ -13,24 +13,16 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
 
 from airswing.evaluation import Content
 from airswing.evaluation.monitoring.events import WORDS, Monitoring, State
-from airswing.products.whole_files import write_text
 from airswing.report import html
 from airswing.report.html import Look, interval_text, number_text, plural
 from airswing.units import NORMAL_95
-from airswing.version import __version__
 
 # Aircraft in a figure; rows of the tables. The files contain all.
 FEWEST_AIRCRAFT, MOST_AIRCRAFT = 2, 10
 _MOST_EVENTS, _MOST_STATES = 60, 200
-
-
-def days_since_1970(days: ArrayLike) -> NDArray[np.float64]:
-    """Return dates as places on a date axis."""
-    return np.asarray(days).astype("datetime64[D]").astype(np.float64)
 
 
 def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Figure:
@@ -51,25 +43,24 @@ def _stability_figure(stability: Content, period: tuple[str, str] | None) -> Fig
     for panels, name in zip(grid, aircraft, strict=True):
         fits = [entry for entry in windows if entry["aircraft"] == name]
         first = np.array([entry["window"] for entry in fits], dtype="datetime64[M]")
-        begin, end = days_since_1970(first), days_since_1970(first + step)
+        begin, end = first.astype("datetime64[D]"), (first + step).astype("datetime64[D]")
         if period is not None:
-            start, last = days_since_1970(period)
+            start, last = np.array(period, "datetime64[D]")
             begin, end = np.maximum(begin, start), np.minimum(end, last + 1)
         for axes, (quantity, colour) in zip(panels, looks, strict=True):
             value = np.array([entry[quantity] for entry in fits], float)
             half = [NORMAL_95 * entry[f"{quantity}_standard_error"] for entry in fits]
             axes.hlines(value, begin, end, color=colour, linewidth=1.4)
             dots = Look(fmt="o", color=colour, markersize=4)
-            axes.errorbar((begin + end) // 2, value, yerr=half, **dots)
+            axes.errorbar(begin + (end - begin) // 2, value, yerr=half, **dots)
             for change in changes[name]:
-                low, high = days_since_1970(change["date_ci"])
+                date, low, high = np.array([change["date"], *change["date_ci"]], "datetime64[D]")
                 axes.axvspan(low, high + 1, color=html.VERMILION, alpha=0.18, linewidth=0)
-                axes.axvline(days_since_1970(change["date"]), color=html.VERMILION, linewidth=1.4)
+                axes.axvline(date, color=html.VERMILION, linewidth=1.4)
         panels[0].set_ylabel(name)
     for axes, (quantity, _) in zip(grid[0], looks, strict=True):
         axes.set_title(f"{quantity} (degree)")
     axis = grid[-1, 0].xaxis
-    axis.axis_date()
     locator = AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
     axis.set_major_locator(locator)
     years = ["", *["%Y"] * 5]  # the ticks name the months
@@ -127,15 +118,15 @@ def stability_section(
 @html.drawing()
 def write_monitoring_page(path: Path, monitoring: Monitoring) -> Path:
     """Write the section on events as a separate page."""
-    text = html.document(
+    return html.write_document(
+        path,
         title="airswing: monitoring of the fleet",
         kicker=f"Monitoring of {plural(len(monitoring.states), 'aircraft')}  ·  up to "
         f"{monitoring.until}, against {monitoring.reference}",
         headline=_new_events(monitoring),
         sections=[monitoring_section(monitoring)],
-        footer=f"airswing {__version__}. Intervals are 95 %.",
+        footer="Intervals are 95 %.",
     )
-    return write_text(path, text)
 
 
 def monitoring_section(monitoring: Monitoring) -> html.Section:

@@ -19,7 +19,6 @@ from airswing.compass.correction import main_reference
 from airswing.evaluation import Evaluation
 from airswing.flags import published
 from airswing.products.ragged import time_span
-from airswing.products.whole_files import write_text
 from airswing.report import html
 from airswing.report.html import FAINT, SOFT, Look, interval_text, plural
 from airswing.report.html.maps import places_section
@@ -31,7 +30,6 @@ from airswing.report.run.innovations import innovations_section
 from airswing.report.run.reading_warnings import model_reasons, reading_warnings, tally
 from airswing.report.run.selection import BeforeAfter, Run, names_of, status_words
 from airswing.units import NORMAL_95
-from airswing.version import __version__
 
 # Aircraft in panels, in one figure of panels, and in an overview.
 PANELS, TOGETHER, OVERVIEW = 96, 12, 40
@@ -137,18 +135,18 @@ def write_page(
         _audit_section(headings),
         html.Section("run", "This run", "", [html.table(columns, words=["item"], long=["value"])]),
     ]
-    text = html.document(
+    return html.write_document(
+        folder / "index.html",
         title="airswing: compass deviation of the fleet",
         kicker=f"Compass deviation from wind reports  ·  {' to '.join(period or ['no reports'])}",
         headline=selection.headline(fits, total, reference),
         facts=_facts(run, total),
         warnings=summary.get("warnings", ()),
         sections=sections,
-        footer=f"airswing {__version__}. ± and ranges in brackets are 95 % intervals, with flights "
+        footer="± and ranges in brackets are 95 % intervals, with flights "
         "as the independent units, unless stated otherwise. Map outline: Natural Earth and US "
         "Census Bureau, public domain.",
     )
-    return write_text(folder / "index.html", text)
 
 
 def _facts(run: Run, total: BeforeAfter | None) -> list[tuple[str, str]]:
@@ -184,7 +182,7 @@ def _corrections_section(run: Run, folder: Path) -> html.Section:
     # A refused fit has no numbers.
     valid = fit.where(xr.DataArray(usable, dims="aircraft"))
     nodes = [f"{node:.0f}°" for node in fit["table_heading"].to_numpy()]
-    tables = valid["table_correction"].transpose("node", "aircraft").to_numpy() + 0.0
+    tables = valid["table_correction"].transpose("node", "aircraft").to_numpy()
     decimals = selection.table_digits(fit)
     columns: dict[str, Iterable[object]] = {
         "aircraft": run.order,
@@ -214,8 +212,9 @@ def _corrections_section(run: Run, folder: Path) -> html.Section:
     lead = "The table to load into each unit."
     if not usable.any():
         reasons = [
-            f"{status_words(code)} ({plural(number, 'aircraft')})"
-            for code, number in zip(*np.unique(status, return_counts=True), strict=True)
+            f"{name.replace('_', ' ')} ({plural(number, 'aircraft')})"
+            for name, number in selection.status_counts(run.fits, run.reference).items()
+            if number
         ]
         lead = f"No table may be loaded: {', '.join(reasons)}."
     return html.Section("corrections", "Corrections", lead, parts)
