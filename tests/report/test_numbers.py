@@ -116,6 +116,7 @@ def test_unknown_names_are_refused_with_the_known_ones():
     for reference, aircraft, words in (
         ("ruc", "N999", r"N999.*Choose from N000"),
         ("gfs", "N000", "Choose from ruc, rtfdaa"),
+        ("ruc", 6, r"found: 6.*Choose from N000"),
     ):
         with pytest.raises(InputError, match=words):
             Run(HEADINGS, FITS, reference).fit(aircraft)
@@ -136,6 +137,7 @@ def test_headlines_have_at_most_25_words_and_say_which_way_the_winds_went():
         (fits, total, "fitted for 1 of 2 aircraft (median amplitude "),
         (fits, total, "falls from 2.8 to 1.4 kt."),
         (fits, worse, "rises from"),
+        (fits, total._replace(after=total.before + 0.01), "disagreement remains 2.8 kt."),
         (offset, total, "fitted for 1 of 2 aircraft, offset only for 1 (median "),
         (nothing, none, "No usable fit for any of 2 aircraft"),
         (wrong, None, "contradict the reference"),

@@ -78,7 +78,7 @@ def _figures(scores: Sequence[Score]) -> list[tuple[str, str, Target, Reached]]:
     claims = [claim for s in done for claim in s["claims"]]
 
     def mean(values: Sequence[float]) -> Reached:
-        return (float(np.mean(values)) if len(values) else None), len(values)
+        return (float(np.mean(values)) if values else None), len(values)
 
     def share(group: Sequence[Score], key: str) -> Reached:
         return mean(_values(group, key))

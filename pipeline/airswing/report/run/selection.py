@@ -80,7 +80,7 @@ class Run:
         position: dict[str, str | int] = {"reference": self.reference, "aircraft": aircraft}
         for coordinate, name in position.items():
             names = names_of(self.fits, coordinate)
-            if isinstance(name, int | np.integer):
+            if isinstance(name, int | np.integer) and -len(names) <= name < len(names):
                 name = names[name]
             if name not in names:
                 message = f"no such {coordinate}"
@@ -310,8 +310,8 @@ def headline(fits: xr.Dataset, total: BeforeAfter | None, reference: str) -> str
         return f"{text}."
     if not total.number:
         return f"{text}; no report could be corrected."
-    verb = "falls" if total.after < total.before else "rises"
-    return (
-        f"{text}; the corrected winds' disagreement {verb} from {total.before:.1f} to "
-        f"{total.after:.1f} kt."
-    )
+    before, after = f"{total.before:.1f}", f"{total.after:.1f}"
+    change = f"{'falls' if total.after < total.before else 'rises'} from {before} to {after}"
+    if before == after:
+        change = f"remains {after}"
+    return f"{text}; the corrected winds' disagreement {change} kt."
