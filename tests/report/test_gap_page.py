@@ -231,6 +231,13 @@ def test_the_heading_map_shows_its_cells_and_affected_aircraft_are_bold():
     assert layers == ["850-1100", "700-850", "600-700", "500-600", "400-500", "above 400"]
 
 
+def test_maps_without_a_filled_cell_are_replaced_by_the_reason():
+    names = ("level_map_cross", "level_map_along")
+    maps = MAPS.assign({name: np.nan * MAPS[name] for name in names})
+    figure = gap_figures(content(), maps)["phase_level"]()
+    assert "No phase and layer has enough flights" in figure.caption
+
+
 def test_the_waterfall_falls_from_before_to_after():
     steps = [("start", 7.4, None), ("hard_iron", 6.9, [0.4, 0.6]), ("tas_scale", 6.5, [0.3, 0.5])]
     gap = content(

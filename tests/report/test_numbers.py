@@ -6,6 +6,7 @@ import pytest
 from airswing.errors import InputError
 from airswing.evaluation.innovations import member_mean, members_of
 from airswing.flags import SCREENING, STATUS
+from airswing.report.html import amount
 from airswing.report.run import selection
 from airswing.report.run.heading_error import binned_medians
 from airswing.report.run.reading_warnings import model_reasons
@@ -152,6 +153,11 @@ def test_binned_medians_by_hand():
     bins = binned_medians(heading, value, width=15.0)
     assert bins[:2].tolist() == [[7.5], [3.0]]
     assert bins[2, 0] == pytest.approx(1.959964 * 1.2533 * 1.4826 * 1.0 / np.sqrt(5))
+
+
+def test_an_amount_that_is_not_known_has_no_unit():
+    assert amount(None, None, unit="kt") == "-"
+    assert amount(1.234, [1.0, 1.5], unit="kt") == "1.23 kt (1.00 to 1.50)"
 
 
 def test_one_more_file_is_singular():

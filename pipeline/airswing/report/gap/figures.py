@@ -211,6 +211,8 @@ def _phase_level_figure(maps: xr.Dataset, gap: GapReport) -> Figure:
     ways = {"along": "along the heading", "cross": "across the heading"}
     residual = np.array([_cells(maps, f"level_map_{way}", "level", "phase") for way in ways])
     filled = np.flatnonzero(np.isfinite(residual[1]).any(axis=0))
+    if not filled.size:
+        return html.empty_figure("No phase and layer has enough flights for a mean")
     residual = residual[:, ::-1, filled] / KNOT
     limit = _even_limit(residual, least=0.2)
     figure, panels = html.panels(1.4 + 0.36 * level.size, 1, 2, sharey=True)

@@ -145,7 +145,8 @@ def range_text(interval: Ends | None, *, digits: int = 2) -> str:
 
 def amount(value: SupportsFloat | None, ends: Ends | None = None, *, unit: str = "") -> str:
     """Return a value with unit and interval: ``1.20 kt (1.05 to 1.34)``."""
-    return number_text(value) + (f" {unit}" if unit else "") + range_text(ends)
+    text = number_text(value)
+    return text + (f" {unit}" if unit and text != "-" else "") + range_text(ends)
 
 
 # --- figures -----------------------------------------------------------------------------------
