@@ -295,7 +295,7 @@ def write_model_case(
         )
         disagreement[name] = _read_disagreement(folder / "reports", run, np.datetime64(start, "s"))
     shutil.rmtree(folder / "truth")
-    return {"after": disagreement["after"], "before": disagreement["before"]}
+    return disagreement
 
 
 def _read_disagreement(folder: Path, run: GriddedReference, start: np.datetime64) -> float:
