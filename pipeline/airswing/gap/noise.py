@@ -56,7 +56,7 @@ class Gains:
 def direction_factors(heading: Floats, along: float, across: float) -> Floats:
     """Matrices (n, 2, 2) that scale vectors along and across headings (n,), rad."""
     unit = np.stack([np.sin(heading), np.cos(heading)], -1)
-    return across * np.eye(2) + (along - across) * unit[:, :, None] * unit[:, None]
+    return np.asarray(across * np.eye(2) + (along - across) * unit[:, :, None] * unit[:, None])
 
 
 def scaled(values: NDArray[np.floating], factors: Floats | None) -> NDArray[np.floating]:
@@ -192,7 +192,7 @@ def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tu
     valid = (precision > 0) & (gains.weight > 0)
     errors = np.divide(score, precision[:, None], out=np.zeros_like(score), where=valid[:, None])
     if gains.direction is not None:
-        errors = np.asarray(scaled(errors, np.linalg.inv(gains.direction)))
+        errors = np.asarray(scaled(errors, np.asarray(np.linalg.inv(gains.direction), np.float64)))
     return errors, np.where(valid, precision, 0.0)
 
 
@@ -317,7 +317,11 @@ def whitening_gains(
     sd = model.correlated_sd, model.white_sd, extra_sd
     gains = kalman_gains(order, decay, model.factor(log_pressure), keep, *sd)
     direction = model.direction_factors(frame.heading)
-    return gains if direction is None else replace(gains, direction=np.linalg.inv(direction))
+    return (
+        gains
+        if direction is None
+        else replace(gains, direction=np.asarray(np.linalg.inv(direction), np.float64))
+    )
 
 
 def _maximise(

@@ -175,8 +175,8 @@ def draw_noise(frame: Frame, noise: NoiseModel, *, rng: np.random.Generator) -> 
     for before, now in neighbour_pairs(order):
         correlated[now] += decay[now, None] * correlated[before]
     error = noise.correlated_sd * correlated + noise.white_sd * white
-    error = scaled(error, noise.direction_factors(frame.heading))
-    return np.asarray(noise.factor(log_pressure)[:, None] * error)
+    anisotropic = scaled(error, noise.direction_factors(frame.heading))
+    return np.asarray(noise.factor(log_pressure)[:, None] * anisotropic)
 
 
 def remove_effects(frame: Frame, effects: Sequence[ActiveEffect]) -> Frame:
