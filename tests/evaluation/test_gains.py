@@ -235,3 +235,11 @@ def test_a_fit_without_reports_against_the_reference_states_that_as_the_reason(r
     last = rank_aircraft(screened, fits, **AGAINST)[-1]
     assert (last["aircraft"], last["status"]) == ("N000", "ok")
     assert last["why"] == "no screened report has a wind of the reference"
+
+
+def test_fits_are_matched_by_the_names_of_the_aircraft(ranked):
+    headings, ranking = ranked
+    fits = fit_deviation(headings)
+    assert rank_aircraft(headings, fits.isel(aircraft=slice(None, None, -1)), **AGAINST) == ranking
+    with pytest.raises(InputError, match="no fit of an aircraft .found: N003"):
+        rank_aircraft(headings, fits.isel(aircraft=slice(3)), **AGAINST)

@@ -235,6 +235,10 @@ def test_an_outdated_table_on_board_is_reported(stepped, monitored, tmp_path):
     path.write_text(path.read_text().replace("subtract_error", "add_error"))
     turned = read_tables(path, reference="ruc")["N004"]
     np.testing.assert_allclose(turned.correction_deg, -now, atol=5e-4)
+    _, rows = path.read_text().split("\n", 1)
+    path.write_text(path.read_text() + rows.replace(",ruc,", ",rr,"))
+    with pytest.raises(InputError, match="tables against ruc, rr, none against nam"):
+        read_tables(path, reference="nam")
     path.write_text("aircraft,heading\nN1,0\n")
     with pytest.raises(InputError, match="not a file of tables"):
         read_tables(path, reference="ruc")

@@ -360,7 +360,7 @@ def correct(
     Raises
     ------
     InputError
-        If the reference has no fits or the tables are missing.
+        If the reference has no fits, the tables are missing or the method is unknown.
 
     References
     ----------
@@ -381,6 +381,8 @@ def correct(
             found=reference,
             remedy=f"Fitted: {', '.join(names)}",
         )
+    if method not in ("table", "curve"):
+        raise InputError("unknown method", field="method", found=method, remedy="table or curve")
     if method == "table":
         require_tables(fits, "Call add_tables first, or use method='curve'")
     fit = fits.isel(reference=names.index(reference))

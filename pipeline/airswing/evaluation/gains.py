@@ -158,7 +158,7 @@ def rank_aircraft(
     Raises
     ------
     InputError
-        If there is no such reference.
+        If there is no such reference, or an aircraft of the headings is not in the fits.
 
     References
     ----------
@@ -171,7 +171,7 @@ def rank_aircraft(
     1
     """
     require_reference(pools, reference)
-    fit = fits.sel(reference=reference)
+    fit = _fits_of(headings, fits, reference)
     argument = "heading" if fits.attrs.get("abscissa") == "true" else "magnetic_heading"
     words = {code: name for name, code in STATUS.items()}
     entries: list[Content] = []
@@ -441,7 +441,8 @@ def cross_validate(
     Raises
     ------
     InputError
-        If the reference is unknown or no report could be corrected.
+        If the reference is unknown, an aircraft of the headings is not in the fits, or no report
+        could be corrected.
 
     Examples
     --------
@@ -453,7 +454,7 @@ def cross_validate(
     require_reference(pools, reference)
     if ranking is None:
         ranking = rank_aircraft(headings, fits, pools=pools, reference=reference, seed=seed)
-    fit = fits.sel(reference=reference)
+    fit = _fits_of(headings, fits, reference)
     # fits without each part of the days are stored in place of references
     fold_fits = fit[["held_out_deviation", "status"]].drop_vars("reference")
     fold_fits = fold_fits.rename(held_out_deviation="deviation", fold="reference")
@@ -482,6 +483,14 @@ def cross_validate(
         "method": "table",
         **_compared(names, number, gain, ranking, draws=draws, seed=seed),
     }
+
+
+def _fits_of(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> xr.Dataset:
+    """Fits against a reference, in the order of the aircraft of the headings."""
+    names = headings["aircraft"].to_numpy()
+    if (absent := names[~np.isin(names, fits["aircraft"].to_numpy())]).size:
+        raise InputError("no fit of an aircraft", field="aircraft", found=absent[0])
+    return fits.sel(reference=reference, aircraft=names)
 
 
 def _sum_by_day(

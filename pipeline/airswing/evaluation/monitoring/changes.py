@@ -25,7 +25,13 @@ from airswing.compass.fit.acceptance import FitOptions
 from airswing.compass.fit.deviation import FITTED_FROM, fit_sums, sum_aircraft
 from airswing.errors import InputError
 from airswing.evaluation import Content
-from airswing.evaluation.innovations import Floats, Ints, member_mean, paired_design
+from airswing.evaluation.innovations import (
+    Floats,
+    Ints,
+    member_mean,
+    paired_design,
+    require_reference,
+)
 from airswing.evaluation.monitoring.fleet_watch import COMPASS, Tested, month_of, watch_fleet
 from airswing.evaluation.monitoring.step_test import Step, step_of_series
 from airswing.flags import STATUS, published
@@ -380,6 +386,7 @@ def fit_by_window(
     ``status`` and, where the fit is published, ``offset``, ``amplitude``, ``phase`` and ``A`` to
     ``E``, each with ``*_standard_error``; degrees.
     """
+    require_reference(pools, reference)
     pool = {reference: list(pools[reference])}
     step = 1 if window == "month" else 3
 

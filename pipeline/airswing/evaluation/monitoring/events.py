@@ -491,6 +491,8 @@ def read_tables(path: Path | str, *, reference: str) -> dict[str, UnitTable]:
             na_values={name: [""] for name in numbers},
         )
         references = lines["reference"].drop_duplicates().tolist()
+        if reference not in references and len(references) > 1:
+            raise ValueError(f"tables against {', '.join(references)}, none against {reference}")
         wanted = reference if reference in references else next(iter(references), reference)
         lines = lines[(lines["reference"] == wanted) & lines["table_correction_deg"].notna()]
         lines["to_add"] = -lines["sign"].map(SIGNS.__getitem__) * lines["table_correction_deg"]
