@@ -172,7 +172,7 @@ def test_only_reports_of_fitted_aircraft_are_corrected(fleet):
         correct(headings, fits.drop_vars("table_correction"), method="table")
     with pytest.raises(InputError, match="nam"):
         correct(headings, fits, reference="nam")
-    with pytest.raises(InputError, match="unknown method .found: tables"):
+    with pytest.raises(InputError, match=r"unknown method \(found: tables"):
         correct(headings, fits, method="tables")
     headings["screening"][:size] = 2  # screened out, yet it has a heading: corrected
     headings["heading"][5] = np.nan

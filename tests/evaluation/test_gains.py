@@ -241,5 +241,5 @@ def test_fits_are_matched_by_the_names_of_the_aircraft(ranked):
     headings, ranking = ranked
     fits = fit_deviation(headings)
     assert rank_aircraft(headings, fits.isel(aircraft=slice(None, None, -1)), **AGAINST) == ranking
-    with pytest.raises(InputError, match="no fit of an aircraft .found: N003"):
+    with pytest.raises(InputError, match=r"no fit of an aircraft \(found: N003"):
         rank_aircraft(headings, fits.isel(aircraft=slice(3)), **AGAINST)
