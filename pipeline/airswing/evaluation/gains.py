@@ -489,7 +489,8 @@ def _fits_of(headings: xr.Dataset, fits: xr.Dataset, reference: str) -> xr.Datas
     """Fits against a reference, in the order of the aircraft of the headings."""
     names = headings["aircraft"].to_numpy()
     if (absent := names[~np.isin(names, fits["aircraft"].to_numpy())]).size:
-        raise InputError("no fit of an aircraft", field="aircraft", found=absent[0])
+        remedy = "fit these headings"
+        raise InputError("no fit of an aircraft", field="aircraft", found=absent[0], remedy=remedy)
     return fits.sel(reference=reference, aircraft=names)
 
 

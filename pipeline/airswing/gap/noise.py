@@ -50,7 +50,7 @@ class Gains:
     weight: Floats  # (n,): inverse standard deviation of the innovation, s m-1; 0 where masked
     scale: Floats  # (n,): inverse of the level factor, applied before the recursion
     # (n, 2, 2): scaling that makes errors isotropic, applied first; None where they are
-    direction: Floats | None = None
+    direction: NDArray[np.floating] | None = None
 
 
 def direction_factors(heading: Floats, along: float, across: float) -> Floats:
@@ -59,7 +59,9 @@ def direction_factors(heading: Floats, along: float, across: float) -> Floats:
     return np.asarray(across * np.eye(2) + (along - across) * unit[:, :, None] * unit[:, None])
 
 
-def scaled(values: NDArray[np.floating], factors: Floats | None) -> NDArray[np.floating]:
+def scaled(
+    values: NDArray[np.floating], factors: NDArray[np.floating] | None
+) -> NDArray[np.floating]:
     """Vectors (n, 2, ...) times the matrix of each report; unchanged without matrices."""
     if factors is None:
         return values
@@ -192,7 +194,7 @@ def interpolation_errors(values: Floats, order: FlightOrder, gains: Gains) -> tu
     valid = (precision > 0) & (gains.weight > 0)
     errors = np.divide(score, precision[:, None], out=np.zeros_like(score), where=valid[:, None])
     if gains.direction is not None:
-        errors = np.asarray(scaled(errors, np.asarray(np.linalg.inv(gains.direction), np.float64)))
+        errors = scaled(errors, np.linalg.inv(gains.direction))
     return errors, np.where(valid, precision, 0.0)
 
 
@@ -317,11 +319,7 @@ def whitening_gains(
     sd = model.correlated_sd, model.white_sd, extra_sd
     gains = kalman_gains(order, decay, model.factor(log_pressure), keep, *sd)
     direction = model.direction_factors(frame.heading)
-    return (
-        gains
-        if direction is None
-        else replace(gains, direction=np.asarray(np.linalg.inv(direction), np.float64))
-    )
+    return gains if direction is None else replace(gains, direction=np.linalg.inv(direction))
 
 
 def _maximise(

@@ -119,19 +119,19 @@ class Sums:
             new[d] += self.fields[span].T @ self.rows[span, first : self.width]
         self.shared = np.concatenate([self.shared[..., :first], self.root @ new], axis=2)
 
-    def _days_of(self, aircraft: int) -> list[slice]:
+    def _rows_by_day(self, aircraft: int) -> list[slice]:
         """Rows of an aircraft on each day, counted from its first."""
         cuts = self.cuts[aircraft * self.D : (aircraft + 1) * self.D + 1]
         return [slice(i, j) for i, j in itertools.pairwise((cuts - cuts[0]).tolist())]
 
     def by_day(self, aircraft: int, left: Singles, right: Singles) -> Singles:
         """Products (D, i, j) by day of rows (2 n_a, i) and (2 n_a, j) of an aircraft."""
-        return np.stack([left[span].T @ right[span] for span in self._days_of(aircraft)])
+        return np.stack([left[span].T @ right[span] for span in self._rows_by_day(aircraft)])
 
     def of_fields(self, aircraft: int, coefficients: Singles) -> Singles:
         """Day fields with coefficients (D, q, k) on the rows of an aircraft, (2 n_a, k)."""
         fields = self.fields[self.rows_of(aircraft)]
-        days = zip(self._days_of(aircraft), coefficients, strict=True)
+        days = zip(self._rows_by_day(aircraft), coefficients, strict=True)
         return np.concatenate([fields[span] @ of_day for span, of_day in days])
 
     def release(self) -> None:

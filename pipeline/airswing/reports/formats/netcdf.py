@@ -265,11 +265,14 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
             audit.remark(f"{path.name} does not name the aircraft: all reports count as one")
         if flight is not None:
             raw["flight"] = _strings(flight)
-        for ours, name in (("wind_qc", "eastward_wind"), ("temperature_qc", "air_temperature")):
+        for ours, name, marks in (
+            ("wind_qc", "eastward_wind", WIND_QC),
+            ("temperature_qc", "air_temperature", TEMPERATURE_QC),
+        ):
             for group in ("PreQC", "QualityMarker"):
                 if (codes := first(group, _IODA_NUMBERS[name])) is not None:
                     fails = _numbers(codes, _LARGEST_IODA) > _LARGEST_GOOD
-                    raw[ours] = np.where(fails, WIND_QC["fail"], WIND_QC["missing"])
+                    raw[ours] = np.where(fails, marks["fail"], marks["missing"])
         yield pd.DataFrame(raw)
 
 
