@@ -4,6 +4,7 @@ import importlib
 import json
 import sys
 import zipfile
+from itertools import count, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,16 @@ def test_flights_of_a_month_are_those_that_begin_in_it(tmp_path):
     assert by_month[0]["flight"].to_numpy().tolist() == [0] * 10 + [1] * 10
 
 
+def test_an_interval_over_the_end_of_a_month_belongs_to_that_of_its_first_report(tmp_path):
+    table = flight(start="2009-01-31T23:59", seconds=60.0 * np.arange(10))
+    table_read, _ = read_file(write(tmp_path / "a.csv", table))
+    months = np.arange("2009-01", "2009-04", dtype="M8[M]").astype("M8[ns]")
+    for begins, reports in zip(pairwise(months), (2, 0), strict=True):
+        audit = Audit()  # the first interval of 7 minutes begins at 23:59
+        ds = assemble([table_read], interval=420.0, begins=begins, audit=audit)
+        assert (ds.sizes["report"], audit.dropped["averaged"]) == (reports, 4 * reports)
+
+
 def test_no_file_is_found(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=rf"reports/\*\.csv' in folder {tmp_path}"):
@@ -52,6 +63,9 @@ def test_no_file_is_found(tmp_path, monkeypatch):
     (tmp_path / "tail=N1").mkdir()
     (tmp_path / "tail=N1" / "a.parquet").write_bytes(b"PAR1")
     with pytest.raises(InputError, match=r"is a folder.*/\*\*/\*\.parquet"):
+        read_reports(tmp_path)
+    monkeypatch.setattr(Path, "rglob", lambda *_: (tmp_path / "b.nc" for _ in count()))
+    with pytest.raises(InputError, match="is a folder"):
         read_reports(tmp_path)
 
 

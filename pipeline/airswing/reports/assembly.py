@@ -73,12 +73,13 @@ def assemble(
     _drop_same_place(columns, audit)
     _drop_conflicts(columns, audit)
     _take(columns, _along_climb(columns))
-    _average(columns, interval, audit)
+    averaged = _average(columns, interval)
     flight = derive_flight(columns)
     _, begin, number = np.unique(flight, return_index=True, return_inverse=True)
     retained = columns["counted"][begin][number]
     _take(columns, retained)
     flight = flight[retained]
+    audit.drop("averaged", int(averaged[retained].sum()))
     audit.repair("flight_derived", np.count_nonzero(columns["flight"] < 0))
     tails = _separate(columns, flight, tails, labels, audit)
     order = np.lexsort((flight, columns["tail"]))
@@ -296,16 +297,17 @@ def _sequences(flown: pd.DataFrame, columns: Columns, labels: NDArray[np.object_
     return np.array(number)
 
 
-def _average(columns: Columns, interval: float, audit: Audit) -> None:
+def _average(columns: Columns, interval: float) -> Integers:
     """Average reports in order of tail and time over intervals (s; 0: none), in place.
 
+    Returns how many reports each of the remaining ones replaces beside itself.
     Reports of neighbouring seconds differ by coding noise; the errors of model and compass are the
     same in all of them, so that a mean is one report with less noise. Where the heading changes by
     more than :data:`STRAIGHT` the middle report is kept unchanged, because a mean over a turn is
     not on the path. Positions are averaged in degrees, the short way round at the antimeridian.
     """
     if interval <= 0.0 or columns["tail"].size < 2:
-        return
+        return np.zeros(columns["tail"].size, dtype=np.int64)
     seconds = columns["time"].astype("datetime64[ms]").astype(np.int64) / 1e3
     group = number_of_run(columns["tail"], np.floor(seconds / interval), columns["flight"])
     starts = np.flatnonzero(np.diff(group, prepend=-1))
@@ -329,12 +331,12 @@ def _average(columns: Columns, interval: float, audit: Audit) -> None:
     east, north = means["eastward_wind"], means["northward_wind"]
     means["wind_speed"] = np.hypot(east, north)
     means["wind_direction"] = direction_in_degrees(east, north)
-    counted = columns["counted"]
-    audit.drop("averaged", int(counted.sum()) - int(counted[starts].sum()))
     for name, original in columns.items():
-        columns[name] = original[starts + sizes // 2]
+        # the month of an interval is that of its first report, as that of a flight
+        columns[name] = original[starts if name == "counted" else starts + sizes // 2]
         if name in means:
             columns[name][straight] = means[name][straight]
+    return np.asarray(sizes - 1, dtype=np.int64)
 
 
 def _platform(columns: Columns, aircraft: int) -> NDArray[np.int8]:

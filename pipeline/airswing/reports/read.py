@@ -250,8 +250,10 @@ def _format_of(path: Path) -> str:
 def _pieces(name: str, path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFrame]:
     """Raw pieces of a file; any exception of a library about its content is an InputError."""
     report_format = formats()[name]
+    tail = mapping["tail"].value if "tail" in mapping else None
     with damage_named(path, report_format.title):
-        yield from report_format.read(path, mapping, audit)
+        for raw in report_format.read(path, mapping, audit):
+            yield raw if tail is None else raw.assign(tail=str(tail))
 
 
 def _wanted(raw: pd.DataFrame, mapping: Mapped, path: Path, audit: Audit) -> pd.DataFrame:

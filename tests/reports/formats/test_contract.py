@@ -52,6 +52,8 @@ def test_a_file_of_each_format(tmp_path, name):
     assert np.isfinite(frame["pressure"]).all() and (frame["tail"] != "").all()
     again, _ = read_file(path, format=name)
     pd.testing.assert_frame_equal(again, frame)
+    named, audit = read_file(path, columns={"tail": {"value": "N510"}})
+    assert set(named["tail"]) == {"N510"} and not audit.remarks
     content = path.read_bytes()
     if name != "parquet":
         for packed in (gzip.compress, bz2.compress):

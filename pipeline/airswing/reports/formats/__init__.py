@@ -104,9 +104,3 @@ def content_of(path: Path) -> bytes:
     if len(content) > LARGEST_FILE:
         raise InputError(f"decompresses to more than {LARGEST_FILE:,} bytes")
     return content
-
-
-def constant_tail(mapping: Mapped) -> str | None:
-    """Return the aircraft that the configuration gives for a whole file, or None."""
-    value = mapping["tail"].value if "tail" in mapping else None
-    return None if value is None else str(value)

@@ -36,7 +36,7 @@ from airswing.reports.columns import (
     from_epoch,
     parse_times,
 )
-from airswing.reports.formats import LARGEST_FILE, ReportFormat, constant_tail, content_of
+from airswing.reports.formats import LARGEST_FILE, ReportFormat, content_of
 
 _NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF\r\n\x1a\n")  # first bytes
 _BEST_PACKING = 1100  # Deflate packs no better than one in 1,032
@@ -256,12 +256,8 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
         flight = first("MetaData", ("aircraftFlightNumber",))
         named = first("MetaData", _IODA_TAILS)
         named = flight if named is None else named
-        if constant := constant_tail(mapping):
-            raw["tail"] = constant
-        elif named is not None:
-            raw["tail"] = _strings(named)
-        else:
-            raw["tail"] = path.name.split(".")[0]
+        raw["tail"] = path.name.split(".")[0] if named is None else _strings(named)
+        if named is None and "tail" not in mapping:
             audit.remark(f"{path.name} does not name the aircraft: all reports count as one")
         if flight is not None:
             raw["flight"] = _strings(flight)

@@ -40,7 +40,7 @@ from airswing.reports.columns import (
     seconds_since_1970,
     sources,
 )
-from airswing.reports.formats import ReportFormat, constant_tail, content_of, is_text, opened
+from airswing.reports.formats import ReportFormat, content_of, is_text, opened
 from airswing.reports.formats.tabular import ROWS_PER_PIECE, csv_pieces, merge_messages, to_raw
 from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
@@ -98,7 +98,7 @@ def _read_log(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFram
         )
     facts = dict(re.findall(r'(\w+)="?([^",]*)"?', lines[0])) if lines[0].startswith("#") else {}
     identity = next((facts[n].strip() for n in _IDENTITIES if facts.get(n, "").strip()), "")
-    tail = constant_tail(mapping) or identity or path.name.split(".")[0]
+    tail = identity or path.name.split(".")[0]
     # A line of short names may follow the names in words.
     second = number + 1 < len(lines) and _HEADER.search(lines[number + 1]) is not None
     rows = 0
