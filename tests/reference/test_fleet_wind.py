@@ -13,6 +13,7 @@ from airswing.flags import STATUS
 from airswing.reference.fleet_wind import fleet_wind
 from airswing.workflow.progress import Progress
 from tests.command import configured
+from tests.compass.flown import wrap
 from tests.ragged import ragged
 
 START = np.datetime64("2017-01-11T12:00", "ns")
@@ -59,11 +60,14 @@ def an_hour(offset, seed=1):
     return ragged(columns, np.full(aircraft, size)), truth
 
 
-def test_the_fleet_wind_is_not_biased_by_single_offsets():
+@pytest.mark.parametrize("east", [0.0, 175.0])
+def test_the_fleet_wind_is_not_biased_by_single_offsets(east):
     rng = np.random.default_rng(3)
     offset = rng.normal(0.0, 1.5, 24)
     reports, truth = an_hour(offset)
+    reports["longitude"] = wrap(reports["longitude"] + east)
     field = fleet_wind(reports)
+    assert np.ptp(field["longitude"].to_numpy()) < 6.0
     ds = airswing.collocate(reports, {"fleet": field}).compute()
     wind = np.stack([ds[f"reference_{way}ward_wind"].to_numpy()[0] for way in ("east", "north")])
     inside = np.isfinite(wind[0])

@@ -22,6 +22,7 @@ from scipy.sparse.linalg import spsolve
 
 from airswing.errors import InputError
 from airswing.flags import WIND_QC
+from airswing.physics.great_circle import unwrapped
 from airswing.physics.splines import hat_products
 from airswing.products.ragged import aircraft_of_report
 
@@ -68,6 +69,7 @@ def fleet_wind(reports: xr.Dataset | Iterable[xr.Dataset]) -> xr.Dataset:
     'm s-1'
     """
     data = _gathered([reports] if isinstance(reports, xr.Dataset) else reports)
+    data = data.assign(longitude=unwrapped(data["longitude"].to_numpy()))
     axes = _nodes(data[[*_PLACE]].to_numpy().T)
     lat, lon, log_p, second = axes
     level = {"units": "Pa", "standard_name": "air_pressure", "positive": "down"}

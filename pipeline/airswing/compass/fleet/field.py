@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from airswing.physics.great_circle import middle_longitude
 from airswing.physics.splines import hat_products
 from airswing.physics.triangle import wrap_degrees
 from airswing.units import METRES_PER_DEGREE
@@ -183,7 +184,7 @@ class FieldBasis:
     @classmethod
     def of(cls, latitude: Array, longitude: Array, log_pressure: Array) -> FieldBasis:
         """Place the nodes for some blocks."""
-        origin = (_middle(longitude), float(np.cos(np.radians(np.median(latitude)))))
+        origin = (middle_longitude(longitude), float(np.cos(np.radians(np.median(latitude)))))
         places = (latitude, _eastward(longitude, origin), log_pressure)
         spacing = (STATIC_SPACING, STATIC_SPACING, np.inf)
         lasting = tuple(
@@ -248,17 +249,6 @@ class FieldBasis:
                 interval = np.floor((values - nodes[0]) / width + shift).astype(np.int64)
                 region = region * (parts + 1) + np.clip(interval, 0, parts)
         return np.asarray(segment * np.int64(self.regions) + region)
-
-
-def _middle(longitude: Array) -> float:
-    """Longitude opposite the widest gap or, without a gap, opposite the fewest blocks."""
-    degree = np.floor(longitude % 360.0).astype(np.int64) % 360
-    count = np.bincount(degree, minlength=360)
-    # twice around, for a gap across the meridian where counting begins
-    least, place = np.tile(count == count.min(), 2), np.arange(720)
-    run = place - np.maximum.accumulate(np.where(least, 0, place))
-    last = int(np.argmax(np.minimum(run, 360)))
-    return (last + 1 - float(run[last]) / 2.0 + 180.0) % 360.0
 
 
 def _eastward(longitude: Array, origin: tuple[float, float]) -> Array:

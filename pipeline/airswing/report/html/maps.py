@@ -18,6 +18,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
+from airswing.physics.great_circle import unwrapped
 from airswing.physics.triangle import wrap_degrees
 from airswing.report import html
 from airswing.report.html import Look, plural
@@ -68,16 +69,9 @@ def view_of(longitude: ArrayLike, latitude: ArrayLike, *, margin: float = 0.06) 
     lon, lat = (deg[np.isfinite(deg)] for deg in (np.asarray(longitude), np.asarray(latitude)))
     if lon.size == 0 or lat.size == 0:
         return View(-180.0, 180.0, -90.0, 90.0)
-    # The middle of the shortest arc that contains all longitudes.
-    values = np.unique(np.round(lon % 360.0, 1))
-    gaps = np.diff(values, append=values[0] + 360.0)
-    widest = int(np.argmax(gaps))
-    first = values[(widest + 1) % values.size]
-    middle = float(wrap_degrees(first + (360.0 - gaps[widest]) / 2))
-    lon = wrap_degrees(lon - middle) + middle
     (x, width), (y, height) = (
         ((values.min() + values.max()) / 2, max(float(np.ptp(values)) * (1 + 2 * margin), 2.0))
-        for values in (lon, lat)
+        for values in (unwrapped(lon), lat)
     )
     narrowing = _narrowing(float(y))
     width = min(max(width, height / narrowing / _TALLEST), 360.0)
