@@ -112,9 +112,11 @@ class Reader:
                     self._opened[file] = opener(file)
                 else:
                     self.problems[file.path, REPLACED] = None
-            except (OSError, InputError) as error:
-                why = error.strerror if isinstance(error, OSError) else error.found
-                self.problems[file.path, f"{NOT_OPENED}: {why}"] = None
+            except InputError as error:
+                found = "" if error.found is None else f" (found: {error.found})"
+                self.problems[file.path, f"{NOT_OPENED}: {error.what}{found}"] = None
+            except OSError as error:
+                self.problems[file.path, f"{NOT_OPENED}: {error.strerror or error}"] = None
         return self._opened[file]
 
 

@@ -6,6 +6,7 @@ import gzip
 import http.server
 import threading
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,7 @@ import xarray as xr
 import airswing
 from airswing.errors import InputError
 from airswing.reference.catalogue import build_catalogue
-from airswing.reference.files import identify
+from airswing.reference.files import Reader, identify
 from tests.command import airswing as command
 from tests.command import configured
 from tests.reference.builders import GLOBE, LATLON, SIZE, build, profile, write
@@ -233,6 +234,21 @@ def test_a_new_chunk_changes_the_identity_of_a_zarr_store(tmp_path):
     assert identify(str(tmp_path / "store")) == before
     (tmp_path / "store/u/extra").touch()
     assert identify(str(tmp_path / "store")) != before
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (InputError("decompresses to nothing"), "decompresses to nothing"),
+        (InputError("no address", found="404"), "no address (found: 404)"),
+        (OSError("broken pipe"), "broken pipe"),
+    ],
+)
+def test_the_reason_why_a_file_does_not_open_is_kept(tmp_path, error, words):
+    (tmp_path / "a").touch()
+    reader = Reader()
+    assert reader.open(identify(str(tmp_path / "a")), Mock(side_effect=error)) is None
+    assert list(reader.problems) == [(str(tmp_path / "a"), f"cannot be opened: {words}")]
 
 
 @pytest.mark.parametrize("name", ["store.zarr", "store.zarr-v3", "store"])
