@@ -83,8 +83,10 @@ def test_a_table_within_its_error_needs_no_correction():
         small.assign(deviation_covariance=FITS["deviation_covariance"] * 0.0 + np.eye(5) * size**2)
         for size in (0.06, 0.3)
     )
+    fine, coarse = (narrow.assign_attrs(table_resolution=step) for step in (0.05, 1.0))
     zero = FITS.assign(status=FITS["status"] * 0 + STATUS["no_correction_needed"])
     expected = ((FITS, 0, False), (wide, 0, True), (narrow, 0, False), (wide, "N005", False))
+    expected += ((fine, 0, False), (coarse, 0, True))
     for fits, aircraft, needs_none in (*expected, (zero, 0, True)):
         fit = Run(HEADINGS, fits, "ruc").fit(aircraft)
         assert bool(selection.needs_no_correction(fit)) == needs_none

@@ -100,6 +100,8 @@ def test_decimals_of_a_table(resolution, digits):
     assert table_digits(FITS.assign_attrs(table_resolution=resolution)) == digits
 
 
-def test_fits_without_tables_are_refused(tmp_path):
+def test_fits_without_tables_and_unknown_references_are_refused(tmp_path):
     with pytest.raises(InputError, match="add_tables"):
         write_swing_cards(FITS.drop_vars("table_correction"), HEADINGS, tmp_path / "cards.pdf")
+    with pytest.raises(InputError, match=r"found: gfs\). Choose from ruc"):
+        write_swing_cards(FITS, HEADINGS, tmp_path / "cards.pdf", reference="gfs")

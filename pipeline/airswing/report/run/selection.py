@@ -75,19 +75,13 @@ class Run:
         amplitude = np.nan_to_num(fit["amplitude"].to_numpy().astype(float), nan=-1.0)
         return names_of(fit.isel(aircraft=np.lexsort((-amplitude, ~published(fit["status"])))))
 
+    def __post_init__(self) -> None:
+        _position(self.fits, "reference", self.reference)
+
     def fit(self, aircraft: str | int) -> xr.Dataset:
         """Return the fit of one aircraft, or raise InputError."""
-        position: dict[str, str | int] = {"reference": self.reference, "aircraft": aircraft}
-        for coordinate, name in position.items():
-            names = names_of(self.fits, coordinate)
-            if isinstance(name, int | np.integer) and -len(names) <= name < len(names):
-                name = names[name]
-            if name not in names:
-                message = f"no such {coordinate}"
-                choice = f"Choose from {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}"
-                raise InputError(message, field=coordinate, found=name, remedy=choice)
-            position[coordinate] = names.index(name)
-        return self.fits.isel(position)
+        names = {"reference": self.reference, "aircraft": aircraft}
+        return self.fits.isel({key: _position(self.fits, key, name) for key, name in names.items()})
 
     @cached_property
     def bias(self) -> Floats:
@@ -128,14 +122,29 @@ class Run:
         return heading[keep], error[keep]
 
 
+def _position(fits: xr.Dataset, coordinate: str, name: str | int) -> int:
+    names = names_of(fits, coordinate)
+    if isinstance(name, int | np.integer) and -len(names) <= name < len(names):
+        name = names[name]
+    if name in names:
+        return names.index(str(name))
+    choice = f"Choose from {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}"
+    raise InputError(f"no such {coordinate}", field=coordinate, found=name, remedy=choice)
+
+
 def adds_error(fits: xr.Dataset) -> bool:
     """Return whether the stored table is the heading error itself, which the unit subtracts."""
     return "add_error" in str(fits.attrs.get("table_sign", ""))
 
 
+def table_resolution(fits: xr.Dataset) -> float:
+    """Return the step of the nodes of the tables, degrees."""
+    return float(fits.attrs.get("table_resolution", 0.1))
+
+
 def table_digits(fits: xr.Dataset) -> int:
     """Return the decimals, at most three, that the nodes of a table have by its resolution."""
-    resolution = float(fits.attrs.get("table_resolution", 0.1))
+    resolution = table_resolution(fits)
     exact = (k for k in (1, 2) if resolution > 0 and np.isclose(round(resolution, k), resolution))
     return next(exact, 3)
 
@@ -154,8 +163,8 @@ def needs_no_correction(fits: xr.Dataset) -> NDArray[np.bool_]:
     """
     status = fits["status"].to_numpy()
     nodes, error = table_error(fits)
-    size, half = np.abs(error), curve_half_width(fits, nodes)
-    small = ((size <= half) | (size < 0.05)).all(axis=-1) & (status == STATUS["ok"])
+    least = np.maximum(curve_half_width(fits, nodes), table_resolution(fits) / 2)
+    small = (np.abs(error) <= least).all(axis=-1) & (status == STATUS["ok"])
     return np.asarray(small | (status == STATUS["no_correction_needed"]))
 
 
