@@ -24,6 +24,7 @@ from airswing.handover.forecasts.correcting import (
 from airswing.handover.forecasts.forecast_pairs import flight_level_pairs, pairs_from_tables
 from airswing.handover.forecasts.stations import forecasts_at_stations, pairs_at_stations
 from airswing.products.netcdf import read_product
+from airswing.report.forecast_page import write_forecast_page
 from tests.command import airswing
 from tests.handover.archives import corrected
 from tests.ragged import ragged
@@ -84,6 +85,9 @@ def test_command_writes_product_and_page(real, tmp_path):
         assert bool(product[name].notnull().all())
     page = (tmp_path / "out" / "postprocess" / "index.html").read_text()
     assert page.count("<figure>") == 1 and "running mean" in page
+    single = correct_forecasts(pairs(np.ones((1, 60, 1))))
+    page = write_forecast_page(tmp_path, single.merge(score_forecasts(single))).read_text()
+    assert 'id="scores"' in page and 'id="figures"' not in page
 
 
 def test_nothing_observed_after_the_start_is_used():

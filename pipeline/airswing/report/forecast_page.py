@@ -35,14 +35,13 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
     pairs = int(corrected["pair_count"].sel(period="all").sum())
     sizes = {"stations": "station", "leads": "lead", "starts": TIME}
     facts = [(f"{corrected.sizes[name]:,}", words) for words, name in sizes.items()]
+    drawings = {"lead": _by_lead_figure, "station": _stations_figure}
+    drawings = {name: draw for name, draw in drawings.items() if corrected.sizes[name] > 1}
     parts: list[Markup] = []
     show = html.Figures()
     for variable in map(str, corrected["variable"].to_numpy()):
-        parts.append(html.heading(_words(variable)))
-        if corrected.sizes["lead"] > 1:
-            parts.append(show("leads", _by_lead_figure(corrected, variable)))
-        if corrected.sizes["station"] > 1:
-            parts.append(show("stations", _stations_figure(corrected, variable)))
+        figures = [show(f"{name}s", draw(corrected, variable)) for name, draw in drawings.items()]
+        parts += [html.heading(_words(variable)), *figures] if figures else []
     return html.write_document(
         Path(directory) / "index.html",
         title="airswing: forecasts corrected by their past errors",
@@ -51,7 +50,7 @@ def write_forecast_page(directory: Path, corrected: xr.Dataset) -> Path:
         facts=[*facts, (f"{pairs:,}", "pairs")],
         sections=[
             _scores_section(corrected),
-            html.Section("figures", "By lead and station", "", parts),
+            html.Section("figures", f"By {' and '.join(drawings)}", "", parts),
             _notes_section(corrected),
         ],
         footer="Intervals are 95 %, by blocks of start days.",
