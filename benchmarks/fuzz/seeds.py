@@ -368,7 +368,7 @@ def _of_a_run(folder):
     (folder / "whole.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     job = Job(load_config(config), Progress(quiet=True))
     headings = make_headings(job)
-    corrected = make_corrected(job, headings, make_fits(job, headings))
+    corrected = make_corrected(job, make_fits(job, headings))
     make_observation_errors(job, headings, corrected)
     headings.close()
     shutil.rmtree(folder / "truth", ignore_errors=True)

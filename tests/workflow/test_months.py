@@ -86,7 +86,7 @@ def make(folder, **changes):
     job = job_of(folder, **changes)
     with workspace(job.output):
         headings = workflow.make_headings(job)
-        workflow.make_corrected(job, headings, workflow.make_fits(job, headings))
+        workflow.make_corrected(job, workflow.make_fits(job, headings))
     months = json.loads(headings.attrs["months"])
     stems = [path.stem for path in (folder / "results/corrected").glob("*.nc")]
     assert sorted(months["made"] + months["kept"]) == sorted(stems)

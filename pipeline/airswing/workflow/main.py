@@ -137,7 +137,7 @@ def run_job(job: Job) -> Results:
     with workspace(job.output):
         headings = make_headings(job)
         fits = make_fits(job, headings)
-        corrected = make_corrected(job, headings, fits)
+        corrected = make_corrected(job, fits)
         differences = disagreement(headings, corrected, job.reference)
         summary = summarise(job, headings, fits, differences)
         evaluation = make_evaluation(job, headings, fits, corrected)

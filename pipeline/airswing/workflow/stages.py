@@ -107,9 +107,7 @@ def _fitted(job: Job, headings: xr.Dataset, **options: Any) -> xr.Dataset:
     return add_tables(fits, headings, resolution=resolution, **options).compute()
 
 
-def make_corrected(
-    job: Job, headings: xr.Dataset | None = None, fits: xr.Dataset | None = None
-) -> xr.Dataset:
+def make_corrected(job: Job, fits: xr.Dataset | None = None) -> xr.Dataset:
     """The archive with corrected winds, month by month: ``corrected/2008-07.nc``; lazy."""
     fitted, method = job.opened(fits, FITS), job.config.correction.method
     months = sorted((job.output / HEADINGS).glob("*.nc"))
