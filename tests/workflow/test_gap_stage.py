@@ -123,6 +123,16 @@ def test_a_simulation_on_other_paths_is_compared_by_its_effects(
     assert start.known_entries[0].left_out == 1
     assert start.frame.airspeed == pytest.approx(archive_frame.airspeed - 1.0, abs=1e-9)
     assert "flew other paths" in start_words(None, start.simulation)
+    hidden = asked[0].output
+
+    def fail(_):
+        hidden.mkdir()
+        raise InputError("no model winds")
+
+    monkeypatch.setattr(gap_stage, "effects_of_archive", fail)
+    with pytest.raises(InputError, match="no model winds"):
+        begin(job, archive_frame, simulated=f"{folder}/*.csv")
+    assert not hidden.exists()
 
 
 def test_an_archive_against_itself_has_no_gap(archive, frame):

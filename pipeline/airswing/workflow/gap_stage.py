@@ -264,9 +264,11 @@ def _from_simulation(
         return Start(with_simulated_wind(frame, matched), simulation=entry)
     output = job.output / _SIMULATION_FOLDER
     config = simulation.model_copy(update={"output": output})
-    with naming_configuration(simulated):
-        effects = effects_of_archive(replace(job, config=config, fresh=True))
-    shutil.rmtree(output, ignore_errors=True)
+    try:
+        with naming_configuration(simulated):
+            effects = effects_of_archive(replace(job, config=config, fresh=True))
+    finally:
+        shutil.rmtree(output, ignore_errors=True)
     shared = set(frame.tails) & {str(name) for name in reports["aircraft"].values}
     entry = replace(entry, matched_by="distribution", aircraft_in_both=sorted(shared))
     return _remove(Start(frame, simulation=entry), effects, simulated, strict=False)
