@@ -73,7 +73,7 @@ def test_the_prediction_uses_no_report_after_the_date(headings):
     ("options", "words"),
     [
         ({"corrected": ["N999"]}, ["N999", "does not hold"]),
-        ({"corrected": []}, ["no aircraft"]),
+        ({"corrected": []}, ["corrected: the group names no aircraft"]),
         ({"learned_until": date(2001, 1, 1)}, ["2001-01-01", "2008-07-01"]),
         ({"learned_until": date(2020, 1, 1)}, ["no screened report from"]),
         ({"reference": "nam"}, ["nam", "ruc"]),
@@ -120,6 +120,16 @@ def test_held_out_days_agree_with_the_prediction(headings):
     assert gains["realised_gain_kt"] > 1.0
     ranking = rank_aircraft(headings, fits, **AGAINST)
     assert cross_validate(headings, fits, ranking=ranking, draws=100, **AGAINST) == gains
+
+
+def test_no_report_is_corrected_by_a_fit_to_its_flight(headings):
+    """105 minutes later 7 of 12 reports of the last flight of a day are after midnight."""
+    late = headings.assign(time=headings["time"] + np.timedelta64(105, "m"))
+    day = late["time"].to_numpy().astype("datetime64[D]").reshape(-1, 12)
+    within = int((day == day[:, :1]).sum())
+    fits = add_tables(fit_deviation(late, joint=False), late)
+    assert within < day.size
+    assert cross_validate(late, fits, draws=20, **AGAINST)["reports"] == within
 
 
 @pytest.mark.parametrize("joint", [False, True])

@@ -164,15 +164,11 @@ def field_test(
     ['controls', 'corrected']
     """
     names = headings["aircraft"].to_numpy().astype(str)
-    require_aircraft(names, [*corrected, *controls], "field_test")
-    shared = sorted(set(corrected) & set(controls))
-    if shared or not corrected or not controls:
-        raise InputError(
-            "aircraft in both groups" if shared else "a group names no aircraft",
-            field="field_test",
-            found=", ".join(shared) or ("corrected" if not corrected else "controls"),
-            remedy="Every aircraft is either corrected or a control",
-        )
+    require_aircraft(names, corrected, "field_test.corrected")
+    require_aircraft(names, controls, "field_test.controls")
+    if shared := ", ".join(sorted(set(corrected) & set(controls))):
+        remedy = "Every aircraft is either corrected or a control"
+        raise InputError("aircraft in both groups", field="field_test", found=shared, remedy=remedy)
     require_reference(pools, reference)
     flags, notes = _flag_policies(headings, roll=roll, temperature_qc=temperature_qc)
     low, high = (time.astype("datetime64[D]").astype(np.int64) for time in time_span(headings))
@@ -309,12 +305,11 @@ def require_aircraft(names: NDArray[np.str_], group: list[str], field: str) -> N
     """Raise InputError for a group without aircraft, or with one that the archive does not hold."""
     unknown = [name for name in group if name not in set(names)]
     if unknown or not group:
-        raise InputError(
-            "a group names an aircraft the archive does not hold",
-            field=field,
-            found=", ".join(unknown[:5]) or "no aircraft",
-            remedy=f"Known aircraft: {', '.join(sorted(names)[:20])}",
-        )
+        problem = "a group names an aircraft the archive does not hold"
+        found, remedy = ", ".join(unknown[:5]), f"Known aircraft: {', '.join(sorted(names)[:20])}"
+        if not group:
+            problem, found = "the group names no aircraft", "an empty list"
+        raise InputError(problem, field=field, found=found, remedy=remedy)
 
 
 def _flag_policies(

@@ -246,18 +246,16 @@ def _learned(
     *,
     pools: Mapping[str, list[str]],
     reference: str,
-    resolution: float,
     seed: int,
     **options: Unpack[FitOptions],
-) -> tuple[xr.Dataset, list[Content]]:
-    """Fits and tables against one reference or pool, and ranking, from the reports before a day."""
+) -> tuple[xr.Dataset, xr.Dataset, list[Content]]:
+    """Reports before a day, fits to them against one reference or pool, and ranking."""
     before = restrict(headings, headings["time"] < np.datetime64(until))
     members = list(pools[reference])
     subset = before.sel(reference=members)
-    fits = fit_deviation(subset, pools={reference: members}, alone=False, **options)
     # computed here, because every later use of a lazy fit would repeat it
-    fits = add_tables(fits, subset, resolution=resolution).compute()
-    return fits, rank_aircraft(before, fits, pools=pools, reference=reference, seed=seed)
+    fits = fit_deviation(subset, pools={reference: members}, alone=False, **options).compute()
+    return subset, fits, rank_aircraft(before, fits, pools=pools, reference=reference, seed=seed)
 
 
 def virtual_field_test(
@@ -327,9 +325,9 @@ def virtual_field_test(
                 found=f"reports from {str(first)[:10]} to {str(last)[:10]}",
                 remedy="Choose a date inside the archive",
             )
-    against: Any = {"pools": pools, "reference": reference, "resolution": resolution, "seed": seed}
-    fits, ranking = _learned(headings, learned_until, **against, **options)
-    fit = fits.sel(reference=reference)
+    against: Any = {"pools": pools, "reference": reference, "seed": seed}
+    before, fits, ranking = _learned(headings, learned_until, **against, **options)
+    fit = add_tables(fits, before, resolution=resolution).sel(reference=reference).compute()
     table = error_from_table(fit).to_numpy()[np.newaxis]
     origin, correctable, (number, before, after) = _sum_by_day(
         headings, pools[reference], fit, table
@@ -389,8 +387,8 @@ def predicted_reduction(
     :func:`airswing.fit_deviation`.
     """
     require_reference(pools, reference)
-    against: Any = {"pools": pools, "reference": reference, "resolution": 0.1, "seed": seed}
-    ranking = _learned(headings, start, **against, **options)[1]
+    against: Any = {"pools": pools, "reference": reference, "seed": seed}
+    ranking = _learned(headings, start, **against, **options)[-1]
     ranked = [row for row in ranking if row["rank"] is not None and row["aircraft"] in corrected]
     mean = ends = None
     if ranked:
@@ -500,9 +498,11 @@ def _sum_by_day(
     """Sum the disagreement as reported and as corrected.
 
     The tables, (part, aircraft, node) in degrees of heading error, have one part, or one for each
-    part of the days that are held out. Returns the first day (since 1970), which aircraft have a
-    table, and reports and their summed disagreement (kt) before and after the correction, (3,
-    aircraft, day); aircraft without a table remain as reported.
+    part of the days that are held out. A fit leaves out a report with its own day or, where no
+    shared error was estimated, with the first day of its flight: a report for which these are in
+    different parts is not used. Returns the first day (since 1970), which aircraft have a table,
+    and reports and their summed disagreement (kt) before and after the correction, (3, aircraft,
+    day); aircraft without a table remain as reported.
     """
     argument = "heading" if fit.attrs.get("abscissa") == "true" else "magnetic_heading"
     correctable = published(fit["status"].to_numpy()) & np.isfinite(tables).all(axis=(0, 2))
@@ -510,12 +510,15 @@ def _sum_by_day(
     shape = (correctable.size, int(last - first) + 1)
     sums = np.zeros((3, *shape))
     names = ("heading", argument, "airspeed")
-    for chunk in chunks(headings, {"": members}, [*names, "screening"]):
+    for chunk in chunks(headings, {"": members}, [*names, "screening", "flight"]):
         columns = np.array([*chunk.wind, *chunk.model[""], *map(chunk.column, names)])
         used = (chunk.column("screening") == 0) & np.isfinite(columns.sum(axis=0))
+        part, flight = chunk.day % len(tables), chunk.block["flight"].to_numpy()[used]
+        _, begin, number = np.unique(flight, return_index=True, return_inverse=True)
+        used[used] = part[used] == part[used][begin][number]
         u, v, model_u, model_v, heading, magnetic, airspeed = columns[:, used]
         aircraft, day = chunk.aircraft[used], chunk.day[used]
-        rows = tables[day % len(tables), aircraft]
+        rows = tables[part[used], aircraft]
         error = np.radians(unit_interpolation(np.nan_to_num(rows), magnetic))
         error[~correctable[aircraft]] = 0.0
         better = corrected_wind(u, v, airspeed, np.radians(heading), error)
