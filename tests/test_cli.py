@@ -31,6 +31,7 @@ def test_wrong_usage_is_status_2():
     done = airswing("evaluate", "absent.yaml")
     assert done.returncode == 2
     assert "absent.yaml: no such configuration. Check the path" in done.stderr
+    assert "only for a TRACK" in airswing("collocate", "c.yaml", "--columns", "a=time").stderr
     shown = airswing("export", "--help").stdout
     assert "reject_list needs it" in " ".join(shown.split())
 

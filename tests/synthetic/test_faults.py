@@ -130,3 +130,9 @@ def test_swapped_aircraft_exchange_their_reports(archives):
 def test_unknown_names_are_refused(effect):
     with pytest.raises(InputError):
         parse_faults([effect], start=datetime(2009, 3, 1), tails=[*TAILS.values()])
+
+
+def test_one_aircraft_may_be_given_as_text():
+    effect = {"name": "hard_iron", "tails": "N401"}
+    (fault,) = parse_faults([effect], start=datetime(2009, 3, 1), tails=[*TAILS.values()])
+    assert fault.tails == ("N401",)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -29,6 +30,7 @@ ZARR_MARKS = ("zarr.json", ".zmetadata", ".zgroup")
 """Files, one of which is at the top of every Zarr store."""
 PACKAGE = Path(__file__).parents[1]
 _LOCK = ".running"
+_MOST_LISTED = 1000  # files and folders in which an example of a file is searched for
 _DIGITS = 32  # hexadecimal: 128 bits, so that no two fingerprints are equal by chance
 
 
@@ -170,15 +172,15 @@ def require_parquet(path: Path) -> None:
 def none_found(pattern: str | os.PathLike[str], field: str) -> InputError:
     """Return the error for a path or pattern of a key (`field`) that names no file."""
     text = os.fspath(pattern)
-    folder = Path(text)
-    message = "no file found that may be read"
+    message, folder = "no file found that may be read", Path(text)
     remedy = (
         "Check the pattern and the permissions of its folders; relative paths start at the current "
         "directory"
     )
     if os.path.isdir(folder):  # False where a folder above may not be entered
-        every = sorted(folder.rglob("*"))
-        first = next((path for path in every if os.path.isfile(path)), folder / "*")
+        # of a large tree only the beginning, because one file is enough for an example
+        some = sorted(itertools.islice(folder.rglob("*"), _MOST_LISTED))
+        first = next((path for path in some if os.path.isfile(path)), folder / "*")
         below = folder if first.parent == folder else folder / "**"
         message, remedy = "is a folder", f"Name the files in it, such as {below}/*{first.suffix}"
     return InputError(

@@ -364,7 +364,8 @@ def parse_faults(
             raise InputError(
                 "unknown effect", field="name", found=name, remedy=f"one of {sorted(names)}"
             )
-        affected = None if who is None or who == "all" else tuple(str(tail) for tail in who)
+        listed = [who] if isinstance(who, str) else who or ()
+        affected = None if who is None or who == "all" else tuple(map(str, listed))
         missing = [tail for tail in affected or () if tail not in tails]
         if missing:
             raise InputError("unknown aircraft", field="tails", found=str(missing))
