@@ -300,7 +300,7 @@ def _sequences(flown: pd.DataFrame, columns: Columns, labels: NDArray[np.object_
 def _average(columns: Columns, interval: float) -> Integers:
     """Average reports in order of tail and time over intervals (s; 0: none), in place.
 
-    Returns how many reports each of the remaining ones replaces beside itself.
+    Returns the number of other reports that each remaining one replaces, (report,).
     Reports of neighbouring seconds differ by coding noise; the errors of model and compass are the
     same in all of them, so that a mean is one report with less noise. Where the heading changes by
     more than :data:`STRAIGHT` the middle report is kept unchanged, because a mean over a turn is
