@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+os.environ["OMP_NUM_THREADS"] = "1"  # before numpy: threads of two workers slow each other down
+
 import airswing  # imports pyproj before anything imports eccodes
 
 ROOT = Path(__file__).resolve().parents[1]
