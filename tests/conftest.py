@@ -1,6 +1,7 @@
 """Shared fixtures: real data next to the repository, a small archive, hypothesis profiles."""
 
 import fcntl
+import gc
 import os
 import shutil
 from pathlib import Path
@@ -33,6 +34,13 @@ def pytest_collection_modifyitems(items):
     places = {ROOT / f"tests/{name}.py": number for number, name in enumerate(LONGEST)}
     last = len(LONGEST)
     items.sort(key=lambda item: places.get(item.path, last + (item.path.suffix != ".ipynb")))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _frozen():
+    """Leaves what earlier files made and imported out of the collection after every stage."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
