@@ -15,7 +15,7 @@ number would be too small. m/s, degrees.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -109,15 +109,11 @@ def _vectors(ds: xr.Dataset, names: Sequence[str]) -> Floats:
     return np.array([ds[name].to_numpy() for name in names], dtype=np.float64)
 
 
-def require_reference(pools: Mapping[str, list[str]], reference: str) -> None:
+def require_reference(pools: Collection[str], reference: str) -> None:
     """Raise InputError for a reference or pool that is not known."""
     if reference not in pools:
-        raise InputError(
-            "no such reference or pool",
-            field="reference",
-            found=reference,
-            remedy=f"Known: {', '.join(pools)}",
-        )
+        problem, known = "no such reference or pool", f"Known: {', '.join(pools)}"
+        raise InputError(problem, field="reference", found=reference, remedy=known)
 
 
 def innovations(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from airswing.compass.correction import error_from_table
 from airswing.errors import InputError
-from airswing.evaluation.innovations import chunks, member_mean, members_of
+from airswing.evaluation.innovations import chunks, member_mean, members_of, require_reference
 from airswing.evaluation.resampling import SUMS, cluster_sums, clustered_mean
 from airswing.flags import SCREENING, STATUS, is_corrected, published
 from airswing.physics.compass_deviation import deviation_basis
@@ -76,12 +76,17 @@ class Run:
         return names_of(fit.isel(aircraft=np.lexsort((-amplitude, ~published(fit["status"])))))
 
     def __post_init__(self) -> None:
-        _position(self.fits, "reference", self.reference)
+        require_reference(names_of(self.fits, "reference"), self.reference)
 
     def fit(self, aircraft: str | int) -> xr.Dataset:
         """Return the fit of one aircraft, or raise InputError."""
-        names = {"reference": self.reference, "aircraft": aircraft}
-        return self.fits.isel({key: _position(self.fits, key, name) for key, name in names.items()})
+        names, name = names_of(self.fits), aircraft
+        if isinstance(name, int | np.integer) and -len(names) <= name < len(names):
+            name = names[name]
+        if name not in names:
+            choice = f"Choose from {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}"
+            raise InputError("no such aircraft", field="aircraft", found=name, remedy=choice)
+        return self.fits.sel(reference=self.reference).isel(aircraft=names.index(str(name)))
 
     @cached_property
     def bias(self) -> Floats:
@@ -120,16 +125,6 @@ class Run:
             error = error - np.degrees(across / np.where(airspeed > 0, airspeed, np.nan))
         keep = used(reports) & np.isfinite(heading) & np.isfinite(error)
         return heading[keep], error[keep]
-
-
-def _position(fits: xr.Dataset, coordinate: str, name: str | int) -> int:
-    names = names_of(fits, coordinate)
-    if isinstance(name, int | np.integer) and -len(names) <= name < len(names):
-        name = names[name]
-    if name in names:
-        return names.index(str(name))
-    choice = f"Choose from {', '.join(names[:8])}{' ...' if len(names) > 8 else ''}"
-    raise InputError(f"no such {coordinate}", field=coordinate, found=name, remedy=choice)
 
 
 def adds_error(fits: xr.Dataset) -> bool:
