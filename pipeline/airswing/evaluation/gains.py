@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import date
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 import xarray as xr
@@ -325,8 +325,9 @@ def virtual_field_test(
                 found=f"reports from {str(first)[:10]} to {str(last)[:10]}",
                 remedy="Choose a date inside the archive",
             )
-    against: Any = {"pools": pools, "reference": reference, "seed": seed}
-    before, fits, ranking = _learned(headings, learned_until, **against, **options)
+    before, fits, ranking = _learned(
+        headings, learned_until, pools=pools, reference=reference, seed=seed, **options
+    )
     fit = add_tables(fits, before, resolution=resolution).sel(reference=reference).compute()
     table = error_from_table(fit).to_numpy()[np.newaxis]
     origin, correctable, (number, before, after) = _sum_by_day(
@@ -387,8 +388,7 @@ def predicted_reduction(
     :func:`airswing.fit_deviation`.
     """
     require_reference(pools, reference)
-    against: Any = {"pools": pools, "reference": reference, "seed": seed}
-    ranking = _learned(headings, start, **against, **options)[-1]
+    *_, ranking = _learned(headings, start, pools=pools, reference=reference, seed=seed, **options)
     ranked = [row for row in ranking if row["rank"] is not None and row["aircraft"] in corrected]
     mean = ends = None
     if ranked:
@@ -469,12 +469,9 @@ def cross_validate(
     number = np.where(correctable[:, np.newaxis], number, 0.0)
     gain = np.where(number > 0, winds[0] - winds[1], 0.0)
     if not number.any():
-        raise InputError(
-            "no held-out report could be corrected",
-            field="reference",
-            found=reference,
-            remedy="Lower fit.min_reports, or add reports",
-        )
+        problem = "no held-out report could be corrected"
+        remedy = "Lower fit.min_reports, or add reports"
+        raise InputError(problem, field="reference", found=reference, remedy=remedy)
     return {
         "reference": reference,
         "folds": folds,
