@@ -174,8 +174,7 @@ def collocate(
         print(collocate_track(source, reference or (), output, columns=columns or (), say=say))
         return
     if columns:
-        problem = "only for a TRACK; a CONFIG names columns under reports.columns"
-        raise typer.BadParameter(problem, param_hint="--columns")
+        raise typer.BadParameter("only for a TRACK, not for a CONFIG", param_hint="--columns")
     job, headings = _run_stage(workflow.make_headings, source, output=output, quiet=quiet)
     try:
         require_kept(headings)

@@ -124,15 +124,10 @@ def test_swapped_aircraft_exchange_their_reports(archives):
     assert faulty.equals(sound)
 
 
-@pytest.mark.parametrize(
-    "effect", [{"name": "hard_irony"}, {"name": "hard_iron", "tails": ["N999"]}]
-)
-def test_unknown_names_are_refused(effect):
-    with pytest.raises(InputError):
-        parse_faults([effect], start=datetime(2009, 3, 1), tails=[*TAILS.values()])
-
-
-def test_one_aircraft_may_be_given_as_text():
-    effect = {"name": "hard_iron", "tails": "N401"}
-    (fault,) = parse_faults([effect], start=datetime(2009, 3, 1), tails=[*TAILS.values()])
+def test_unknown_names_are_refused_and_one_aircraft_may_be_text():
+    archive = {"start": datetime(2009, 3, 1), "tails": [*TAILS.values()]}
+    for effect in ({"name": "hard_irony"}, {"name": "hard_iron", "tails": ["N999"]}):
+        with pytest.raises(InputError):
+            parse_faults([effect], **archive)
+    (fault,) = parse_faults([{"name": "hard_iron", "tails": "N401"}], **archive)
     assert fault.tails == ("N401",)

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+from concurrent.futures import CancelledError
 
 import dask
 import numpy as np
@@ -106,22 +107,16 @@ def test_a_worker_process_that_ends_is_one_message():
         dask.delayed(die)().compute()
 
 
-@pytest.mark.parametrize("kind", ["CommClosedError", "CancelledError", "KilledWorker"])
-def test_a_lost_connection_to_the_scheduler_is_one_message(address, kind):
-    from concurrent.futures import CancelledError
+LOST = (distributed.comm.core.CommClosedError("gone"), CancelledError("gone"))
 
-    from distributed.comm.core import CommClosedError
 
-    lost = {
-        "CommClosedError": CommClosedError("gone"),
-        "CancelledError": CancelledError("gone"),
-        "KilledWorker": distributed.KilledWorker("task", None, 3),
-    }
+@pytest.mark.parametrize("lost", [*LOST, distributed.KilledWorker("task", None, 3)], ids=repr)
+def test_a_lost_connection_to_the_scheduler_is_one_message(address, lost):
     with (
         pytest.raises(InputError, match=r"same command again"),
         job.resources(Compute(scheduler=address), Progress(quiet=True)),
     ):
-        raise lost[kind]
+        raise lost
 
 
 def test_the_dashboard_and_missing_workers_are_reported(address, capsys):

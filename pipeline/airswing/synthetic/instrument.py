@@ -361,9 +361,8 @@ def parse_faults(
     for effect in effects:
         name, who = str(effect.get("name")), effect.get("tails")
         if name not in names:
-            raise InputError(
-                "unknown effect", field="name", found=name, remedy=f"one of {sorted(names)}"
-            )
+            remedy = f"One of {', '.join(sorted(names))}"
+            raise InputError("unknown effect", field="name", found=name, remedy=remedy)
         listed = [who] if isinstance(who, str) else who or ()
         affected = None if who is None or who == "all" else tuple(map(str, listed))
         missing = [tail for tail in affected or () if tail not in tails]

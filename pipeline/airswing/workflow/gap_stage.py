@@ -85,12 +85,8 @@ def diagnosis(
     # checked before anything is read, because headings may take an hour
     for name in without:
         if name not in CATALOGUE:
-            raise InputError(
-                "unknown effect",
-                field="--without",
-                found=name,
-                remedy=f"the catalogue holds {', '.join(CATALOGUE)}",
-            )
+            remedy = f"The catalogue holds {', '.join(CATALOGUE)}"
+            raise InputError("unknown effect", field="--without", found=name, remedy=remedy)
     begin = starting_point(job, known=known, simulated=simulated)
     archive = make_headings(job)
     with job.progress.stage("read") as stage:

@@ -236,19 +236,12 @@ def test_a_new_chunk_changes_the_identity_of_a_zarr_store(tmp_path):
     assert identify(str(tmp_path / "store")) != before
 
 
-@pytest.mark.parametrize(
-    ("error", "words"),
-    [
-        (InputError("decompresses to nothing"), "decompresses to nothing"),
-        (InputError("no address", found="404"), "no address (found: 404)"),
-        (OSError("broken pipe"), "broken pipe"),
-    ],
-)
-def test_the_reason_why_a_file_does_not_open_is_kept(tmp_path, error, words):
+def test_the_reason_why_a_file_does_not_open_is_kept(tmp_path):
     (tmp_path / "a").touch()
-    reader = Reader()
+    reader, error = Reader(), InputError("no address", found="404")
     assert reader.open(identify(str(tmp_path / "a")), Mock(side_effect=error)) is None
-    assert list(reader.problems) == [(str(tmp_path / "a"), f"cannot be opened: {words}")]
+    ((_, reason),) = reader.problems
+    assert reason == "cannot be opened: no address (found: 404)"
 
 
 @pytest.mark.parametrize("name", ["store.zarr", "store.zarr-v3", "store"])

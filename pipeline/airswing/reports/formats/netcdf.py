@@ -69,7 +69,7 @@ _DESCRIPTOR_FAILED = ("X", "Q", "B")
 # IODA
 _IODA_TAILS = (
     *("aircraftTailNumber", "aircraftIdentifier", "aircraftRegistrationNumber"),
-    *("stationIdentification", "station_id"),
+    *("stationIdentification", "station_id", "aircraftFlightNumber"),
 )
 _IODA_NUMBERS = {
     "pressure": ("pressure", "air_pressure"),
@@ -255,7 +255,6 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
             raw["time"], raw["time_blank"] = from_epoch(seconds), np.isnan(seconds)
         flight = first("MetaData", ("aircraftFlightNumber",))
         named = first("MetaData", _IODA_TAILS)
-        named = flight if named is None else named
         raw["tail"] = path.name.split(".")[0] if named is None else _strings(named)
         if named is None and "tail" not in mapping:
             audit.remark(f"{path.name} does not name the aircraft: all reports count as one")
