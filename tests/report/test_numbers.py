@@ -118,7 +118,7 @@ def test_screening_counts_together_and_alone():
 def test_unknown_names_are_refused_with_the_known_ones():
     for reference, aircraft, words in (
         ("ruc", "N999", r"N999.*Choose from N000"),
-        ("gfs", "N000", "Choose from ruc, rtfdaa"),
+        ("gfs", "N000", "Known: ruc, rtfdaa"),
         ("ruc", 6, r"found: 6.*Choose from N000"),
     ):
         with pytest.raises(InputError, match=words):
@@ -163,10 +163,8 @@ def test_an_amount_that_is_not_known_has_no_unit():
 
 
 def test_one_more_file_is_singular():
-    skipped = [
-        {"file": f"{name}.grb", "what": "message", "reason": "truncated", "count": 1}
-        for name in "abc"
-    ]
+    entry = {"what": "message", "reason": "truncated", "count": 1}
+    skipped = [entry | {"file": f"{name}.grb"} for name in "abc"]
     assert model_reasons(skipped[:2]) == ["left out: truncated, 2 times in a.grb and 1 more file"]
     assert model_reasons(skipped) == ["left out: truncated, 3 times in a.grb and 2 more files"]
 
