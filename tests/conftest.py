@@ -23,8 +23,8 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 LONGEST = (
     *("gap/test_diagnose", "workflow/test_months", "report/test_page", "workflow/test_gap_stage"),
-    *("test_workflow", "test_hostile_files", "test_cli", "workflow/test_resources"),
-    *("blind_check/test_check", "test_end_to_end", "test_names_with_markup"),
+    *("test_workflow", "test_cli", "workflow/test_resources", "blind_check/test_check"),
+    *("test_end_to_end", "test_names_with_markup"),
 )
 """Files whose tests take longest; they begin first, so that no worker waits for them at the end."""
 
