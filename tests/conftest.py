@@ -38,7 +38,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(autouse=True, scope="module")
 def _frozen():
-    """Leaves what earlier files made and imported out of the collection after every stage."""
+    """Exempt what earlier files made and imported from the collections after every stage."""
     gc.collect()
     gc.freeze()
 

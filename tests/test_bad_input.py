@@ -101,6 +101,10 @@ GROUPS = {"start": "2009-02-28", "before_start": "2009-02-27"}
 GROUPS |= {"corrected": ["S1"], "controls": ["S2", "S3"]}
 ABSENT = {"references": {"model": {"files": "none/*"}}}
 CONFIGURATIONS = {
+    "wrong unit": (
+        {"reports": {"files": "r.csv", "columns": {"ff": {"name": "wind_speed_kt", "unit": "kg"}}}},
+        ("config.yaml: reports.columns.ff", "kg", "m/s"),
+    ),
     "empty model glob": (ABSENT, ("config.yaml", "references.model.files", "none/*")),
     "an aircraft without reports": (
         {"field_test": GROUPS | {"controls": ["N999"]}} | ABSENT,

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 PHASE = {"unknown": 0, "ascent": 1, "cruise": 2, "descent": 3}
 ROLL = {"missing": 0, "good": 1, "bad": 2, "not_available": 3}
-TEMPERATURE_QC = {"missing": 0, "pass": 1, "fail": 2}
-WIND_QC = {"missing": 0, "pass": 1, "fail": 2}
+QC = {"missing": 0, "pass": 1, "fail": 2}  # of the wind and of the temperature
 WIND_SOURCE = {"reported": 0, "derived": 1, "derived_at_standard_temperature": 2}
 PLATFORM = {"unknown": 0, "TAMDAR": 1, "AMDAR": 2, "ACARS": 3, "AIREP": 4}
 ICING = {"missing": -1, "off": 0, "on": 1}

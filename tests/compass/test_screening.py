@@ -5,14 +5,14 @@ import pytest
 
 from airswing.compass.screening import audit, mark_corrected_units, screen
 from airswing.errors import ConfigError
-from airswing.flags import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC
+from airswing.flags import PHASE, QC, ROLL, SCREENING
 from tests.ragged import ragged
 
 GOOD = {
     "phase": PHASE["cruise"],
     "roll_flag": ROLL["good"],
-    "temperature_qc": TEMPERATURE_QC["pass"],
-    "wind_qc": WIND_QC["pass"],
+    "temperature_qc": QC["pass"],
+    "wind_qc": QC["pass"],
     "turn": 1.0,
     "ground_speed": 130.0,
     "ground_velocity_error": 1.0,
@@ -23,13 +23,13 @@ GOOD = {
 WORST = {  # what breaks each rule and nothing else
     "phase": {"phase": PHASE["ascent"]},
     "roll": {"roll_flag": ROLL["bad"]},
-    "temperature_qc": {"temperature_qc": TEMPERATURE_QC["fail"]},
+    "temperature_qc": {"temperature_qc": QC["fail"]},
     "turn": {"turn": -10.5},
     "ground_speed": {"ground_speed": 40.0},
     "no_ground_vector": {"ground_velocity_error": 25.0},
     "no_reference": {"reference_eastward_wind": (np.nan, np.nan)},
     "missing_wind": {"eastward_wind": np.nan},
-    "wind_qc": {"wind_qc": WIND_QC["fail"]},
+    "wind_qc": {"wind_qc": QC["fail"]},
     "gross_error": {"reference_northward_wind": (60.0, 60.0)},
 }
 
@@ -62,10 +62,10 @@ def test_every_rule_has_its_bit_and_only_its_bit():
         ("roll_flag", ROLL, "reject_bad", ["bad"]),
         ("roll_flag", ROLL, "require_good", ["missing", "bad", "not_available"]),
         ("roll_flag", ROLL, "ignore", []),
-        ("temperature_qc", TEMPERATURE_QC, "reject_fail", ["fail"]),
-        ("temperature_qc", TEMPERATURE_QC, "require_pass", ["missing", "fail"]),
-        ("wind_qc", WIND_QC, "require_pass", ["missing", "fail"]),
-        ("wind_qc", WIND_QC, "ignore", []),
+        ("temperature_qc", QC, "reject_fail", ["fail"]),
+        ("temperature_qc", QC, "require_pass", ["missing", "fail"]),
+        ("wind_qc", QC, "require_pass", ["missing", "fail"]),
+        ("wind_qc", QC, "ignore", []),
     ],
 )
 def test_policies_of_flags(name, codes, policy, rejected):

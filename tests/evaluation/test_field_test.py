@@ -14,7 +14,7 @@ from airswing.evaluation.field_test import (
     field_test,
     regression_to_the_mean,
 )
-from airswing.flags import ROLL, TEMPERATURE_QC
+from airswing.flags import QC, ROLL
 from airswing.units import KNOT
 from tests.ragged import ragged
 
@@ -59,7 +59,7 @@ def simulate_fleet(seed, *, corrected=19, controls=17, days=(60, 60), flights=3,
         "reference_northward_wind": zeros,
         "heading": rng.uniform(0, 360, east.size),
         "roll_flag": np.full(east.size, ROLL["good"], np.int8),
-        "temperature_qc": np.full(east.size, TEMPERATURE_QC["pass"], np.int8),
+        "temperature_qc": np.full(east.size, QC["pass"], np.int8),
         "screening": np.zeros(east.size, np.int32),
     }
     headings = ragged(columns, np.full(number, day.size), names, ["rr"])

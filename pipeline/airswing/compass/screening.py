@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from airswing.compass.whole_aircraft import map_aircraft
 from airswing.errors import ConfigError
-from airswing.flags import PHASE, ROLL, SCREENING, TEMPERATURE_QC, WIND_QC
+from airswing.flags import PHASE, QC, ROLL, SCREENING
 from airswing.products.ragged import aircraft_of_report
 from airswing.units import KNOT
 from airswing.vocabulary import describe
@@ -101,8 +101,8 @@ def screen(
     rules = {
         "phase": ~headings["phase"].isin([PHASE[name] for name in phases]),
         "roll": rejected(headings, "roll_flag", ROLL, roll),
-        "temperature_qc": rejected(headings, "temperature_qc", TEMPERATURE_QC, temperature_qc),
-        "wind_qc": rejected(headings, "wind_qc", WIND_QC, wind_qc),
+        "temperature_qc": rejected(headings, "temperature_qc", QC, temperature_qc),
+        "wind_qc": rejected(headings, "wind_qc", QC, wind_qc),
         "turn": np.abs(headings["turn"]) > np.degrees(max_turn),
         "ground_speed": speed < min_ground_speed,
         "no_ground_vector": speed.isnull()

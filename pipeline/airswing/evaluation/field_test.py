@@ -28,7 +28,7 @@ from airswing.errors import InputError
 from airswing.evaluation import Content
 from airswing.evaluation.innovations import chunks, require_reference
 from airswing.evaluation.resampling import Floats, day_weights, interval, permutation_test, ratio
-from airswing.flags import ROLL, SCREENING, TEMPERATURE_QC
+from airswing.flags import QC, ROLL, SCREENING
 from airswing.products.ragged import blocks, time_span
 from airswing.products.whole_files import Findings
 from airswing.units import KNOT
@@ -316,7 +316,7 @@ def _flag_policies(
     headings: xr.Dataset, *, roll: str, temperature_qc: str
 ) -> tuple[dict[str, tuple[dict[str, int], str]], list[str]]:
     """Codes and policy of each flag, and notes on flags that cannot be required."""
-    flags = {"roll_flag": (ROLL, roll), "temperature_qc": (TEMPERATURE_QC, temperature_qc)}
+    flags = {"roll_flag": (ROLL, roll), "temperature_qc": (QC, temperature_qc)}
     notes = []
     for name, (codes, policy) in flags.items():
         columns = (block[name].to_numpy() for block in blocks(headings, [name]) if name in block)

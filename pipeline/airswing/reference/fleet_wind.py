@@ -21,7 +21,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from airswing.errors import InputError
-from airswing.flags import WIND_QC
+from airswing.flags import QC
 from airswing.physics.great_circle import unwrapped
 from airswing.physics.splines import hat_products
 from airswing.products.ragged import aircraft_of_report
@@ -104,7 +104,7 @@ def _gathered(blocks: Iterable[xr.Dataset]) -> pd.DataFrame:
         table[names[-2:]] = np.where(np.isfinite(air).all(axis=1, keepdims=True), air, 0.0)
         good = np.isfinite(table.to_numpy()).all(axis=1)
         if "wind_qc" in block:
-            good &= block["wind_qc"].to_numpy() != WIND_QC["fail"]
+            good &= block["wind_qc"].to_numpy() != QC["fail"]
         tables.append(table[good])
     data = pd.concat(tables, ignore_index=True)
     if (count := data["aircraft"].nunique()) < FEWEST_AIRCRAFT:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from airswing.flags import ICING, PHASE, PLATFORM, ROLL, TEMPERATURE_QC, WIND_QC, WIND_SOURCE
+from airswing.flags import ICING, PHASE, PLATFORM, QC, ROLL, WIND_SOURCE
 from airswing.physics.atmosphere import (
     airspeed_from_calibrated,
     airspeed_from_mach,
@@ -35,8 +35,8 @@ from airswing.reports.columns import LIMITS, Column, Floats, Mask, possible, sec
 
 FLAGS = {
     "roll_flag": ROLL["missing"],
-    "temperature_qc": TEMPERATURE_QC["missing"],
-    "wind_qc": WIND_QC["missing"],
+    "temperature_qc": QC["missing"],
+    "wind_qc": QC["missing"],
     "phase": PHASE["unknown"],
     "icing": ICING["missing"],
     "wind_source": WIND_SOURCE["reported"],
@@ -109,7 +109,7 @@ def clean(raw: pd.DataFrame, audit: Audit) -> pd.DataFrame:
         _derive_wind(frame, raw, audit)
     unset = (frame["latitude"].abs() < _ORIGIN) & (frame["longitude"].abs() < _ORIGIN)
     audit.repair("wind_failed_at_origin", int(unset.sum()))
-    frame.loc[unset, "wind_qc"] = np.int8(WIND_QC["fail"])
+    frame.loc[unset, "wind_qc"] = np.int8(QC["fail"])
     return frame
 
 

@@ -29,7 +29,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from airswing.errors import InputError, nearest
-from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
+from airswing.flags import ICING, PHASE, QC, ROLL
 from airswing.quantities import COMPACT, registry
 from airswing.reports.audit import Audit
 
@@ -411,8 +411,8 @@ _CODES = {
         ROLL,
         {"missing": "- M", "good": "G GOOD", "bad": "B BAD", "not_available": "N NOT_AVAILABLE"},
     ),
-    "temperature_qc": (TEMPERATURE_QC, _QC),
-    "wind_qc": (TEMPERATURE_QC, _QC),
+    "temperature_qc": (QC, _QC),
+    "wind_qc": (QC, _QC),
     "phase": (
         PHASE,
         {

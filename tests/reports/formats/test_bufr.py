@@ -12,10 +12,13 @@ from airswing.products.ragged import aircraft_of_report
 from airswing.reports import read_file, read_reports
 from airswing.reports.formats.bufr import decode_messages
 
+EVERY = pytest.param(1, 6698, marks=pytest.mark.slow)
 
-def test_the_real_file_agrees_with_eccodes_report_by_report(real, tmp_path):
-    messages = real("reports/amdar_20090123_europe.bufr").read_bytes().split(b"BUFR")[1::8]
-    path = tmp_path / "part.bufr"  # every eighth message
+
+@pytest.mark.parametrize(("step", "number"), [(8, 838), EVERY])
+def test_the_real_file_agrees_with_eccodes_report_by_report(real, tmp_path, step, number):
+    messages = real("reports/amdar_20090123_europe.bufr").read_bytes().split(b"BUFR")[1::step]
+    path = tmp_path / "part.bufr"
     path.write_bytes(b"".join(b"BUFR" + body for body in messages))
     tails = ("aircraftRegistrationNumberOrOtherIdentification", "aircraftFlightNumber")
     numbers = ("latitude", "longitude", "hour", "minute", "windSpeed", "airTemperature")
@@ -36,7 +39,7 @@ def test_the_real_file_agrees_with_eccodes_report_by_report(real, tmp_path):
     theirs = pd.DataFrame(rows, columns=["tail", *numbers])
     named = theirs[theirs["tail"] != ""].replace(-1e100, np.nan).reset_index(drop=True)
     frame, audit = read_file(path)
-    assert audit.read == len(theirs) == len(messages) == 838
+    assert audit.read == len(theirs) == len(messages) == number
     assert audit.dropped == {"missing_tail": len(theirs) - len(named)}
     assert frame["tail"].tolist() == named["tail"].tolist()
     minute = (frame["time"] - pd.Timestamp("2009-01-23")) // pd.Timedelta("1min")

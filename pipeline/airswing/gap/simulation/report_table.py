@@ -20,7 +20,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from airswing.errors import InputError
-from airswing.flags import ICING, PHASE, ROLL, TEMPERATURE_QC
+from airswing.flags import ICING, PHASE, QC, ROLL
 from airswing.gap.archive.frame import Frame
 from airswing.gap.arrays import Booleans, Floats
 from airswing.gap.effects import ActiveEffect
@@ -32,8 +32,8 @@ from airswing.units import FOOT, KNOT, ZERO_CELSIUS
 
 _FLAGS: dict[str, dict[int, str]] = {
     "roll_flag": {ROLL["good"]: "G", ROLL["bad"]: "B", ROLL["not_available"]: "N"},
-    "temperature_qc": {TEMPERATURE_QC["pass"]: "pass", TEMPERATURE_QC["fail"]: "fail"},
-    "wind_qc": {TEMPERATURE_QC["pass"]: "pass", TEMPERATURE_QC["fail"]: "fail"},
+    "temperature_qc": {QC["pass"]: "pass", QC["fail"]: "fail"},
+    "wind_qc": {QC["pass"]: "pass", QC["fail"]: "fail"},
     "phase": {code: name for name, code in PHASE.items() if name != "unknown"},
     "icing": {ICING["off"]: "0", ICING["on"]: "1"},
 }

@@ -25,7 +25,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from airswing.errors import InputError
-from airswing.flags import PLATFORM, TEMPERATURE_QC, WIND_QC
+from airswing.flags import PLATFORM, QC
 from airswing.products.damaged_netcdf import require_sound
 from airswing.reports.audit import Audit
 from airswing.reports.columns import (
@@ -215,7 +215,7 @@ def _madis(file: netCDF4.Dataset, audit: Audit) -> pd.DataFrame:
             descriptor = flags.get(f"{name}DD", blank)
             passed |= (error == "p") | ~np.isin(descriptor, ("", "-", "Z", *_DESCRIPTOR_FAILED))
             failed |= ~np.isin(error, ("p", "-", "")) | np.isin(descriptor, _DESCRIPTOR_FAILED)
-        codes = [TEMPERATURE_QC[name] for name in ("fail", "pass", "missing")]
+        codes = [QC[name] for name in ("fail", "pass", "missing")]
         raw[ours] = np.select([failed, passed], codes[:2], codes[2]).astype(np.int8)
     return pd.DataFrame(raw)
 
@@ -260,14 +260,11 @@ def _read_ioda(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.DataFra
             audit.remark(f"{path.name} does not name the aircraft: all reports count as one")
         if flight is not None:
             raw["flight"] = _strings(flight)
-        for ours, name, marks in (
-            ("wind_qc", "eastward_wind", WIND_QC),
-            ("temperature_qc", "air_temperature", TEMPERATURE_QC),
-        ):
+        for ours, name in (("wind_qc", "eastward_wind"), ("temperature_qc", "air_temperature")):
             for group in ("PreQC", "QualityMarker"):
                 if (codes := first(group, _IODA_NUMBERS[name])) is not None:
                     fails = _numbers(codes, _LARGEST_IODA) > _LARGEST_GOOD
-                    raw[ours] = np.where(fails, marks["fail"], marks["missing"])
+                    raw[ours] = np.where(fails, QC["fail"], QC["missing"])
         yield pd.DataFrame(raw)
 
 
