@@ -19,7 +19,6 @@ from scipy.stats import norm
 from airswing.gap.arrays import Booleans, Floats, Integers
 from airswing.gap.distribution.entries import place_of, reduction_of_scatter
 from airswing.gap.distribution.scatter import NATURAL
-from airswing.gap.effects.empirical import change_of
 from airswing.gap.model.candidates import COMPONENTS
 from airswing.gap.model.evidence import INCLUDED, SCALES, log_sum, share_of_aircraft
 from airswing.gap.model.pairs import report_scores
@@ -45,11 +44,10 @@ def find_lasting_errors(fitted: Fitted, residual: Floats, gross: Booleans) -> Pl
     """
     frame, sums = fitted.frame, fitted.model.sums
     score = report_scores(fitted.model)
-    context, (u, v) = fitted.context, sums.candidates.wind.T
     days = frame.aircraft * sums.D + sums.day
     best: tuple[float, str, str, tuple[int, ...], Floats] | None = None
     for component in COMPONENTS:
-        unit = change_of(component, heading=context.heading, airspeed=context.airspeed, u=u, v=v)
+        unit = sums.candidates.unit_change(component)
         unit = unit / np.sqrt((unit**2).sum(axis=1).mean())  # 1 m/s rms
         white = np.empty((frame.size, 2))
         white[sums.order] = sums.whitened(unit[:, :, None]).reshape(frame.size, 2)

@@ -177,10 +177,14 @@ def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
         return Curve(name, np.unique(values[np.isfinite(values)]))
     if KINDS[name][0] == "circular":
         return Curve(name, np.arange(number) * PERIOD.get(name, 360.0) / number)
-    finite = values[np.isfinite(values)]
-    quantiles = np.unique(np.quantile(finite, np.linspace(*INNER, number)))
-    spread, knots = float(np.ptp(quantiles)), [float(quantiles[0])]
-    for knot in quantiles[1:]:
+    ordered = np.sort(values[np.isfinite(values)])
+    low, high = np.quantile(ordered, INNER)
+    inner = ordered[(ordered >= low) & (ordered <= high)]
+    spread = float(high - low)
+    # equal steps of the mean of rank and value: a long tail with few reports has knots as well
+    place = np.linspace(0, 1, inner.size) + (inner - low) / (spread or 1.0)
+    knots = [float(low)]
+    for knot in np.interp(np.linspace(0, 2, number), place, inner)[1:]:
         if knot - knots[-1] > 0.3 * spread / number:
             knots.append(float(knot))
     return Curve(name, np.array(knots))
@@ -209,6 +213,7 @@ class Candidates:
         self.tables: dict[int, Table] = {}
         self.curved: dict[str, Singles] = {}  # `curvature` of effects that have one
         self._builders: dict[int, Callable[[Frame], Singles]] = {}
+        self._unit_changes: dict[str, Floats] = {}
         self._pending: list[slice] = []
         self.width = 0
         self.wind = np.stack([context.u_ref, context.v_ref], -1)
@@ -217,7 +222,6 @@ class Candidates:
         self._add_climatology()
         self._add_names()
         if tables:
-            self._drawn = self._likely_winds()
             self.drawn = {name: self._drawn_values(name) for name in OF_WIND}
             for name in self.variables:
                 curve = self.curve(name)
@@ -319,6 +323,7 @@ class Candidates:
         return np.asarray(np.moveaxis(raw, 0, -1) * effect.column_scales**2, np.float32)
 
     # --------------------------------------------------------------------------------- tables
+    @cached_property
     def _likely_winds(self) -> Floats:
         """Winds that might have been reported given the large-scale wind, (draws, n, 2).
 
@@ -343,36 +348,54 @@ class Candidates:
 
     def _drawn_values(self, name: str) -> Floats:
         """Values of a variable with each of the likely winds, (draws, n)."""
-        winds = np.moveaxis(self._drawn, 2, 1)
+        winds = np.moveaxis(self._likely_winds, 2, 1)
         reported = (replace(self.frame, u_rep=u, v_rep=v) for u, v in winds)
         return np.stack([values_of(frame, self.context, name) for frame in reported])
+
+    def unit_change(self, component: str) -> Floats:
+        """Change (n, 2) of the wind by one unit of a component, averaged over likely winds, m s-1.
+
+        The direction of a weak wind may be any: that of the large-scale wind, which turns about
+        where it is calm, would be so wrong a column that the fit of a curve loses its level.
+        """
+        if component not in self._unit_changes:
+            draws = [self._change(component, wind) for wind in self._likely_winds]
+            self._unit_changes[component] = np.mean(draws, axis=0)
+        return self._unit_changes[component]
+
+    def _change(self, component: str, wind: Floats) -> Floats:
+        at, (u, v) = self.context, wind.T
+        return change_of(component, heading=at.heading, airspeed=at.airspeed, u=u, v=v)
 
     def columns_of(self, table: Table, at: Frame, rows: slice = ALL) -> Singles:
         """Columns (n, 2, k) of a table.
 
-        Those of the reported wind are averaged over likely winds, unless they are evaluated at the
-        reports themselves.
+        Those that depend on the reported wind are averages over likely winds, unless they are
+        evaluated at the reports themselves.
         """
-        names = [curve.variable for curve in table.curves]
         if at is not self.context:
-            values = [values_of(at, at, name) for name in names]
-            return _products(table, at, np.stack([at.u_rep, at.v_rep], -1), values, rows)
-        if not of_wind(table):
-            values = [self.variables[name].values for name in names]
-            return _products(table, at, self.wind, values, rows)
-        return self._averaged(table, rows, range(DRAWS))
+            change = change_of(
+                table.component, heading=at.heading, airspeed=at.airspeed, u=at.u_rep, v=at.v_rep
+            )
+            values = [values_of(at, at, curve.variable)[rows] for curve in table.curves]
+            return _products(table, change[rows], values)
+        if of_wind(table):
+            return np.asarray(
+                sum(self._drawn_columns(table, rows, k) for k in range(DRAWS)) / DRAWS, np.float32
+            )
+        values = [self.variables[curve.variable].values[rows] for curve in table.curves]
+        return _products(table, self.unit_change(table.component)[rows], values)
 
-    def _averaged(self, table: Table, rows: slice, draws: Sequence[int]) -> Singles:
-        total: Singles = np.zeros((1, 1, 1), np.float32)
-        for k in draws:
-            values = [
-                self.drawn[c.variable][k]
-                if c.variable in OF_WIND
-                else self.variables[c.variable].values
-                for c in table.curves
-            ]
-            total = total + _products(table, self.context, self._drawn[k], values, rows)
-        return np.asarray(total / len(draws), np.float32)
+    def _drawn_columns(self, table: Table, rows: slice, k: int) -> Singles:
+        """Columns of a table with the k-th likely wind."""
+        values = [
+            self.drawn[c.variable][k]
+            if c.variable in OF_WIND
+            else self.variables[c.variable].values
+            for c in table.curves
+        ]
+        change = self._change(table.component, self._likely_winds[k])
+        return _products(table, change[rows], [value[rows] for value in values])
 
     def table_of(self, group: Group) -> Table:
         """Table of a group."""
@@ -395,9 +418,9 @@ class Candidates:
         root: Floats = np.asarray(np.linalg.cholesky(spread), np.float64)
         where = self._block(partial(self.columns_of, table), columns)
         reliability, quantity = 1.0, PARTS.get(table.component, "wind")
-        if of_wind(table):
+        if of_wind(table) or quantity == "wind":
             # share of the energy of one likely wind that averages over all of them hold
-            drawn = self._averaged(table, SAMPLED, [0])
+            drawn = self._drawn_columns(table, SAMPLED, 0)
             reliability = float((columns**2).sum() / max((drawn**2).sum(), 1e-12))
         for curve in table.curves:
             reliability *= self.reliability.get(curve.variable, 1.0)
@@ -464,17 +487,11 @@ class Candidates:
         return curve_of(name, self.variables[name].values, knots)
 
 
-def _products(
-    table: Table, at: Frame, wind: Floats, values: Sequence[Floats], rows: slice
-) -> Singles:
+def _products(table: Table, change: Floats, values: Sequence[Floats]) -> Singles:
     """Products (n, 2, k) of the component's unit change and functions of the variables' values."""
-    u, v = wind[rows].T
-    change = change_of(
-        table.component, heading=at.heading[rows], airspeed=at.airspeed[rows], u=u, v=v
-    )
     functions: Singles = np.ones((len(change), 1), np.float32)
     for curve, of_reports in zip(table.curves, values, strict=True):
-        factors = curve.functions(of_reports[rows]).astype(np.float32)
+        factors = curve.functions(of_reports).astype(np.float32)
         functions = (functions[:, :, None] * factors[:, None, :]).reshape(len(change), -1)
     return np.asarray(change.astype(np.float32)[:, :, None] * functions[:, None, :])
 

@@ -13,7 +13,6 @@ import itertools
 import numpy as np
 
 from airswing.gap.arrays import Floats
-from airswing.gap.effects.empirical import change_of
 from airswing.gap.model.candidates import COMPONENTS, Group, Table
 from airswing.gap.model.evidence import share_of_aircraft
 from airswing.gap.model.sums import GATE
@@ -78,8 +77,7 @@ def _evidence(model: Model, functions: Floats) -> Floats:
     """
     sums, candidates = model.sums, model.sums.candidates
     score = report_scores(model)
-    at, (u, v) = candidates.context, candidates.wind.T
-    units = (change_of(c, heading=at.heading, airspeed=at.airspeed, u=u, v=v) for c in COMPONENTS)
+    units = (candidates.unit_change(component) for component in COMPONENTS)
     scores = np.stack([(score * unit).sum(axis=1)[sums.order] for unit in units])
     functions = functions[sums.order]
     k = functions.shape[1]
