@@ -149,7 +149,9 @@ class Curve:
         if KINDS[self.variable][0] == "category":
             return 0.5 * np.eye(self.knots.size) + 0.5
         near = np.exp(-0.5 * (self._knot_distances / LENGTH) ** 2)
-        return np.asarray((1 - FREE) * near + FREE * np.eye(len(near)))
+        local = (1 - FREE) * near + FREE * np.eye(len(near))
+        # half of the variance is common, so that the level of a fine curve is as free as its shape
+        return np.asarray(0.5 * local + 0.5)
 
     @property
     def _knot_distances(self) -> Floats:
@@ -183,8 +185,9 @@ def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
     spread = float(high - low)
     # equal steps of the mean of rank and value: a long tail with few reports has knots as well
     place = np.linspace(0, 1, inner.size) + (inner - low) / (spread or 1.0)
-    knots = [float(low)]
-    for knot in np.interp(np.linspace(0, 2, number), place, inner)[1:]:
+    nearest = np.searchsorted(place, np.linspace(0, 2, number)).clip(max=inner.size - 1)
+    knots = [float(inner[0])]
+    for knot in inner[nearest[1:]]:
         if knot - knots[-1] > 0.3 * spread / number:
             knots.append(float(knot))
     return Curve(name, np.array(knots))
