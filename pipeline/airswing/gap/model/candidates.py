@@ -424,7 +424,7 @@ class Candidates:
         if of_wind(table) or quantity == "wind":
             # share of the energy of one likely wind that averages over all of them hold
             drawn = self._drawn_columns(table, SAMPLED, 0)
-            reliability = float((columns**2).sum() / max((drawn**2).sum(), 1e-12))
+            reliability = min(float((columns**2).sum() / max((drawn**2).sum(), 1e-12)), 1.0)
         for curve in table.curves:
             reliability *= self.reliability.get(curve.variable, 1.0)
         self.tables[where.start] = table
