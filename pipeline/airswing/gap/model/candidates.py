@@ -43,8 +43,10 @@ PARTS = {
 CYCLES = 5
 #: Coefficients of its simple forms: a constant, and one cycle with it.
 SIMPLE = (1, 3)
-#: Correlation length of neighbouring coefficients, in knots, and the share that is independent.
-LENGTH, FREE = 1.3, 0.1
+#: Share of a curve's prior variance that is common to all coefficients, so that the level of a
+#: fine curve is as free as its shape; of the rest, the correlation length in knots and the share
+#: that is independent.
+COMMON, LENGTH, FREE = 0.5, 1.3, 0.1
 #: Correlation length of smooth curves, a share of the range (a parabola, one cycle), and the share
 #: of their variance from which a direction is kept.
 SMOOTH, NEGLIGIBLE = 0.3, 0.01
@@ -146,12 +148,11 @@ class Curve:
             # a cycle's amplitude falls off as the root of its number
             falling = np.repeat(1.0 / np.sqrt(np.arange(1, CYCLES + 1)), 2)
             return np.asarray(np.diag(np.r_[1.0, falling] ** 2))
-        if KINDS[self.variable][0] == "category":
-            return 0.5 * np.eye(self.knots.size) + 0.5
-        near = np.exp(-0.5 * (self._knot_distances / LENGTH) ** 2)
-        local = (1 - FREE) * near + FREE * np.eye(len(near))
-        # half of the variance is common, so that the level of a fine curve is as free as its shape
-        return np.asarray(0.5 * local + 0.5)
+        local = np.eye(self.knots.size)
+        if KINDS[self.variable][0] != "category":
+            near = np.exp(-0.5 * (self._knot_distances / LENGTH) ** 2)
+            local = (1 - FREE) * near + FREE * local
+        return np.asarray((1 - COMMON) * local + COMMON)
 
     @property
     def _knot_distances(self) -> Floats:
@@ -171,7 +172,10 @@ class Curve:
 
 
 def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
-    """Curve of a variable with knots at quantiles of its values; ``count`` knots at most."""
+    """Curve of a variable with knots at some of its values; ``count`` knots at most.
+
+    They are equal steps of rank plus value apart: a long tail with few reports has knots as well.
+    """
     if name == "magnetic_heading" and count is None:
         return Curve(name, np.zeros(1))
     number = count or KNOTS[name]
@@ -183,7 +187,6 @@ def curve_of(name: str, values: Floats, count: int | None = None) -> Curve:
     low, high = np.quantile(ordered, INNER)
     inner = ordered[(ordered >= low) & (ordered <= high)]
     spread = float(high - low)
-    # equal steps of the mean of rank and value: a long tail with few reports has knots as well
     place = np.linspace(0, 1, inner.size) + (inner - low) / (spread or 1.0)
     nearest = np.searchsorted(place, np.linspace(0, 2, number)).clip(max=inner.size - 1)
     knots = [float(inner[0])]

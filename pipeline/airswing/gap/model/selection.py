@@ -31,7 +31,7 @@ REPRESENTS = 0.96
 MAX_ERROR, MIN_NUMBER, CHI_SQUARED_MEDIAN = 0.15, 20, 0.455
 #: Days below which fleet-wide effects cannot be separated from the weather of those days.
 DAYS = 3
-#: Names and tables in a contest, the best of each by the screening score.
+#: Names in a contest, and tables of each scope, the best by the screening score.
 NAMES, TABLES = 12, 6
 #: Most terms, rounds of replacement after an addition, and names that represent a table together.
 MAX_TERMS, ROUNDS, MAX_NAMES = 8, 2, 3
@@ -141,8 +141,12 @@ def _static_terms(model: Model, group: Group, stats: Statistics, factor: float) 
         gated = static_evidence(stats, factor, scopes, having=having)
     out = []
     for scope, r in ranked.items():
+        score = r.evidence
+        if scope == "f":  # lasting errors of the reference limit the evidence, but not the rank
+            given = stats.fleet_information / model.kappa, stats.score.sum(axis=0) / model.kappa
+            score = log_evidence(*given, np.eye(group.size) / r.scale**2, 1.0)
         if r.tails:
-            scores = r.evidence + group.prior, gated[scope].evidence + group.prior
+            scores = score + group.prior, gated[scope].evidence + group.prior
             out.append(Term(group, scope, r.tails, r.scale, {}, *scores, r.inclusion, r.spread))
     return out
 
@@ -164,7 +168,8 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
         best_of_kind.setdefault(kind, term)
     first = list(best_of_kind.values())
     names = [t for t in first if t.group.named][:NAMES]
-    tables = [t for t in first if not t.group.named and not t.group.simple][:TABLES]
+    every = [t for t in first if not t.group.named and not t.group.simple]
+    tables = [t for scope in "af" for t in [x for x in every if x.scope == scope][:TABLES]]
     simple = [t for t in first if t.group.simple]
     scored = [_rescored(model, terms, term) for term in (*names, *tables, *simple)]
     # the screening score hardly says which form fits
