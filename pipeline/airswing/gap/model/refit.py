@@ -204,7 +204,55 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
         any(not np.array_equal(z.rows[a][1], x.rows[a][1]) for a in z.rows)
         for z, x in zip(instruments[1:], exact[1:], strict=True)
     ]
-    return Refit(theta, covariance, without, tuple(differs), response)
+    return _with_levels(Refit(theta, covariance, without, tuple(differs), response), model)
+
+
+def _with_levels(fit: Refit, model: Model) -> Refit:
+    """Fit with the likely levels of curves of the wind on all aircraft (docs/gap.md, section 5).
+
+    Lasting errors of the reference explain a constant as well. The median over the reports is
+    zero (an error of a part of the range) or, equally likely, of the size of the curve.
+    """
+    theta, covariance, by_fold = fit.theta.copy(), fit.covariance.copy(), fit.by_fold.copy()
+    for k, term in enumerate(model.terms):
+        group = term.group
+        if group.kind != "table" or group.quantity != "wind" or term.scope != "f":
+            continue
+        block = slice(int(model.offsets[k + 1]), int(model.offsets[k + 2]))
+        raw = fit.response.reported[k + 1]
+        unit = raw.sum(axis=2)  # by a curve of 1
+        squared = (unit**2).sum(axis=1)
+        known = squared > 0.0
+        rows = np.einsum("nck,nc->nk", raw[known], unit[known] / squared[known, None])
+        rows, size = rows @ group.transform, np.sqrt(squared[known].mean())
+        constant = np.linalg.lstsq(group.transform, np.ones(len(group.transform)), rcond=None)[0]
+        level = float(np.median(rows @ theta[block]))
+        levels = np.median(rows @ by_fold[:, block].T, axis=0)
+        mean = rows.mean(axis=0)
+        stated = float(mean @ covariance[block, block] @ mean)
+        folds = len(levels)
+        scatter = (folds - 1) / folds * float(((levels - levels.mean()) ** 2).sum())  # jackknife
+        variance = max(stated, scatter) + model.lasting(group) / size**2
+        wide = variance + (term.scale / size) ** 2
+        odds = np.sqrt(variance / wide) * np.exp(0.5 * level**2 * (1 / variance - 1 / wide))
+        absent = float(1 / (1 + odds))
+        theta[block] -= absent * level * constant
+        by_fold[:, block] -= absent * levels[:, None] * constant
+        doubt = variance - stated + absent * (1 - absent) * level**2
+        covariance[block, block] += doubt * np.outer(constant, constant)
+        print(
+            "level",
+            group.name,
+            level * size,
+            "stated",
+            stated**0.5 * size,
+            "jack",
+            scatter**0.5 * size,
+            "absent",
+            absent,
+            flush=True,
+        )
+    return replace(fit, theta=theta, covariance=covariance, by_fold=by_fold)
 
 
 def _weak_direction(gram: Floats, cross: Floats, prior: Floats) -> Floats | None:

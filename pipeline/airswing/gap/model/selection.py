@@ -201,8 +201,9 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
         represented = [t for t in names if t.score > REPRESENTS * best.score]
         if represented:
             best = represented[0]
-        elif names:
-            best = _several_names(model, terms, tables, names) or best
+        else:
+            several = _several_names(model, terms, tables, names) if names else None
+            best = several or _of_one_variable(best, tables)
     best = _refine_dates(model, terms, _prune_aircraft(model, terms, best))
     rest = [t for t in scored if t.label != best.label]
     rivals = tuple((best.score - t.score, t.group.name, t.scope) for t in rest)
@@ -230,6 +231,19 @@ def _is_usual(model: Model, terms: Sequence[Term], table: Term) -> bool:
             usual = float(np.hypot(SMALL, np.sqrt(model.usual.get(group.quantity, (0.0,))[0])))
             names.setdefault(group.name, Term(group, "a", every, usual))
     return _rescored(model, [*terms, *names.values()], table).score <= GATE
+
+
+def _of_one_variable(best: Term, tables: Sequence[Term]) -> Term:
+    """The best table, or the first of one of its two variables that represents it."""
+    share = REPRESENTS * best.score
+    represented = (
+        t
+        for t in tables
+        if t.score > share
+        and len(t.group.variables) == 1
+        and t.group.variables[0] in best.group.variables
+    )
+    return next(represented, best)
 
 
 def _several_names(
