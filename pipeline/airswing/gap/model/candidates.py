@@ -43,10 +43,8 @@ PARTS = {
 CYCLES = 5
 #: Coefficients of its simple forms: a constant, and one cycle with it.
 SIMPLE = (1, 3)
-#: Share of a curve's prior variance that is common to all coefficients, so that the level of a
-#: fine curve is as free as its shape; of the rest, the correlation length in knots and the share
-#: that is independent.
-COMMON, LENGTH, FREE = 0.5, 1.3, 0.1
+#: Correlation length of neighbouring coefficients, in knots, and the share that is independent.
+LENGTH, FREE = 1.3, 0.1
 #: Correlation length of smooth curves, a share of the range (a parabola, one cycle), and the share
 #: of their variance from which a direction is kept.
 SMOOTH, NEGLIGIBLE = 0.3, 0.01
@@ -142,17 +140,22 @@ class Curve:
         return np.asarray(out * finite[:, None])
 
     @property
+    def constant(self) -> Floats:
+        """Coefficients (k,) of a curve that is one everywhere."""
+        fourier = self.variable == "magnetic_heading" and self.knots.size == 1
+        return np.eye(2 * CYCLES + 1)[0] if fourier else np.ones(self.knots.size)
+
+    @property
     def covariance(self) -> Floats:
         """Prior covariance of the coefficients, (k, k)."""
         if self.variable == "magnetic_heading" and self.knots.size == 1:
             # a cycle's amplitude falls off as the root of its number
             falling = np.repeat(1.0 / np.sqrt(np.arange(1, CYCLES + 1)), 2)
             return np.asarray(np.diag(np.r_[1.0, falling] ** 2))
-        local = np.eye(self.knots.size)
-        if KINDS[self.variable][0] != "category":
-            near = np.exp(-0.5 * (self._knot_distances / LENGTH) ** 2)
-            local = (1 - FREE) * near + FREE * local
-        return np.asarray((1 - COMMON) * local + COMMON)
+        if KINDS[self.variable][0] == "category":
+            return 0.5 * np.eye(self.knots.size) + 0.5
+        near = np.exp(-0.5 * (self._knot_distances / LENGTH) ** 2)
+        return np.asarray((1 - FREE) * near + FREE * np.eye(len(near)))
 
     @property
     def _knot_distances(self) -> Floats:
@@ -406,6 +409,13 @@ class Candidates:
     def table_of(self, group: Group) -> Table:
         """Table of a group."""
         return self.tables[group.columns.start]
+
+    def constant(self, group: Group) -> Floats:
+        """Coefficients (m,) of a table that is one everywhere."""
+        ones: Floats = np.ones(1)
+        for curve in self.table_of(group).curves:
+            ones = np.asarray(np.kron(ones, curve.constant), np.float64)
+        return np.asarray(np.linalg.lstsq(group.transform, ones, rcond=None)[0], np.float64)
 
     def log_prior(self, table: Table) -> float:
         """Log prior of a table: names and tables, variables and components are equally likely."""

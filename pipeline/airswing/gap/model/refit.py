@@ -219,39 +219,26 @@ def _with_levels(fit: Refit, model: Model) -> Refit:
         if group.kind != "table" or group.quantity != "wind" or term.scope != "f":
             continue
         block = slice(int(model.offsets[k + 1]), int(model.offsets[k + 2]))
-        raw = fit.response.reported[k + 1]
-        unit = raw.sum(axis=2)  # by a curve of 1
+        constant = model.sums.candidates.constant(group)
+        columns = fit.response.reported[k + 1] @ group.transform
+        unit = columns @ constant
         squared = (unit**2).sum(axis=1)
         known = squared > 0.0
-        rows = np.einsum("nck,nc->nk", raw[known], unit[known] / squared[known, None])
-        rows, size = rows @ group.transform, np.sqrt(squared[known].mean())
-        constant = np.linalg.lstsq(group.transform, np.ones(len(group.transform)), rcond=None)[0]
-        level = float(np.median(rows @ theta[block]))
-        levels = np.median(rows @ by_fold[:, block].T, axis=0)
-        mean = rows.mean(axis=0)
+        values = np.einsum("nck,nc->nk", columns[known], unit[known] / squared[known, None])
+        level = float(np.median(values @ theta[block]))
+        levels = np.median(values @ by_fold[:, block].T, axis=0)
+        mean = values.mean(axis=0)
         stated = float(mean @ covariance[block, block] @ mean)
-        folds = len(levels)
-        scatter = (folds - 1) / folds * float(((levels - levels.mean()) ** 2).sum())  # jackknife
-        variance = max(stated, scatter) + model.lasting(group) / size**2
-        wide = variance + (term.scale / size) ** 2
+        # by the jackknife, errors of the reference that last for days included
+        scatter = (len(levels) - 1) * float(levels.var())
+        variance = max(stated, scatter) + model.lasting(group) / squared[known].mean()
+        wide = variance + term.scale**2 / squared[known].mean()
         odds = np.sqrt(variance / wide) * np.exp(0.5 * level**2 * (1 / variance - 1 / wide))
         absent = float(1 / (1 + odds))
         theta[block] -= absent * level * constant
         by_fold[:, block] -= absent * levels[:, None] * constant
         doubt = variance - stated + absent * (1 - absent) * level**2
         covariance[block, block] += doubt * np.outer(constant, constant)
-        print(
-            "level",
-            group.name,
-            level * size,
-            "stated",
-            stated**0.5 * size,
-            "jack",
-            scatter**0.5 * size,
-            "absent",
-            absent,
-            flush=True,
-        )
     return replace(fit, theta=theta, covariance=covariance, by_fold=by_fold)
 
 
@@ -268,6 +255,15 @@ def _weak_direction(gram: Floats, cross: Floats, prior: Floats) -> Floats | None
     return np.asarray(inner.T @ vectors[:, 0]) if values[0] < 0.5 else None
 
 
+def _with_free_level(constant: Floats) -> Floats:
+    """Prior precision of standard normal coefficients plus a level of the same variance.
+
+    Of a fine curve, whose coefficients are nearly independent, the level would be close to zero.
+    """
+    shrunk = np.outer(constant, constant) / (1.0 + constant @ constant)
+    return np.asarray(np.eye(constant.size) - shrunk)
+
+
 def _precision(model: Model) -> Floats:
     """Prior precision P of all coefficients, with the most likely s and tau of each term."""
     gram, score, precision = model.system(model.terms)
@@ -277,6 +273,8 @@ def _precision(model: Model) -> Floats:
         # tau from that of independent aircraft (s) to one size of all in steps of two; multiples of
         # the s of the search, whose grid has steps of three
         several = term.scope == "a" and len(term.tails) > 1
+        if term.group.kind == "table" and term.shape is None:
+            term = replace(term, shape=_with_free_level(model.sums.candidates.constant(term.group)))
         options = [
             replace(term, scale=term.scale * factor, spread=2.0**-j).precision
             for factor in (0.5, 1.0, 2.0, 4.0)
