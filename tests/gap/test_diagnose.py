@@ -263,6 +263,23 @@ def test_effect_outside_the_catalogue_is_located_and_closed():
 
 
 @pytest.mark.usefixtures("few_variables")
+def test_a_step_of_all_winds_has_the_level_that_the_reports_have():
+    """Its direction is uncertain in weak winds, and its level like an error of the reference."""
+    before = archive(seed=4, aircraft=8, days=16)
+    at = {"heading": before.heading, "airspeed": before.airspeed}
+    right = change_of("across_wind", u=before.u_ref, v=before.v_ref, **at)
+    low = before.pressure > np.quantile(before.pressure, 0.7)
+    u, v = (-1.6 * right * low[:, None]).T
+    frame = replace(before, u_rep=before.u_rep + u, v_rep=before.v_rep + v)
+    report = diagnose(frame, catalogue=SMALL).report
+    (place,) = report.unknown.where
+    assert (place.variables, place.component, place.tails) == (["altitude"], "across_wind", [])
+    true, (least, most) = disagreement(frame, before), report.closure.reduction_ci
+    assert least < true < most
+    assert report.closure.reduction > 0.5 * true
+
+
+@pytest.mark.usefixtures("few_variables")
 def test_an_error_that_depends_on_the_reported_wind_is_located():
     sector = {"variable": "wind_direction", "shape": "sector", "at": 0.5, "width": 0.3}
     outside = {"component": "along_wind", "parts": [sector], "size_m_s": 1.6, "sign": 1.0}
