@@ -433,11 +433,10 @@ class Candidates:
         spread = covariance + 1e-9 * np.eye(len(covariance))
         root: Floats = np.asarray(np.linalg.cholesky(spread), np.float64)
         where = self._block(partial(self.columns_of, table), columns)
-        reliability, quantity = 1.0, PARTS.get(table.component, "wind")
-        if of_wind(table) or quantity == "wind":
-            # share of the energy of one likely wind that averages over all of them hold
-            drawn = self._drawn_columns(table, SAMPLED, 0)
-            reliability = min(float((columns**2).sum() / max((drawn**2).sum(), 1e-12)), 1.0)
+        quantity = PARTS.get(table.component, "wind")
+        # share of the energy of one likely wind that averages over all of them hold
+        drawn = self._drawn_columns(table, SAMPLED, 0)
+        reliability = min(float((columns**2).sum() / max((drawn**2).sum(), 1e-12)), 1.0)
         for curve in table.curves:
             reliability *= self.reliability.get(curve.variable, 1.0)
         self.tables[where.start] = table
