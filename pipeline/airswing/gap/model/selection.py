@@ -201,9 +201,8 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
         represented = [t for t in names if t.score > REPRESENTS * best.score]
         if represented:
             best = represented[0]
-        else:
-            several = _several_names(model, terms, tables, names) if names else None
-            best = several or _of_one_variable(best, tables)
+        elif names:
+            best = _several_names(model, terms, tables, names) or best
     best = _refine_dates(model, terms, _prune_aircraft(model, terms, best))
     rest = [t for t in scored if t.label != best.label]
     rivals = tuple((best.score - t.score, t.group.name, t.scope) for t in rest)
@@ -231,19 +230,6 @@ def _is_usual(model: Model, terms: Sequence[Term], table: Term) -> bool:
             usual = float(np.hypot(SMALL, np.sqrt(model.usual.get(group.quantity, (0.0,))[0])))
             names.setdefault(group.name, Term(group, "a", every, usual))
     return _rescored(model, [*terms, *names.values()], table).score <= GATE
-
-
-def _of_one_variable(best: Term, tables: Sequence[Term]) -> Term:
-    """The best table, or the first of one of its two variables that represents it."""
-    share = REPRESENTS * best.score
-    represented = (
-        t
-        for t in tables
-        if t.score > share
-        and len(t.group.variables) == 1
-        and t.group.variables[0] in best.group.variables
-    )
-    return next(represented, best)
 
 
 def _several_names(
@@ -483,11 +469,18 @@ def refined(model: Model, terms: list[Term], term: Term) -> list[Term]:
 def _best_table(
     model: Model, terms: list[Term], term: Term, tables: Sequence[Table], weight: float
 ) -> Term:
-    """Best of a term and the same with other tables, the log prior of each less by ``weight``."""
+    """Best of a term and the same with other tables, the log prior of each less by ``weight``.
+
+    A table of one variable represents one of two like a name a table.
+    """
+
+    def value(option: Term) -> float:
+        return option.score / (REPRESENTS if len(option.group.variables) == 1 else 1.0)
+
     candidates = model.sums.candidates
     rest = [t for t in terms if t is not term]
-    now = _rescored(model, rest, term).score
-    best, score = term, now + GATE * model.kappa
+    now = _rescored(model, rest, term)
+    best, least = term, value(now) + GATE * model.kappa
     for table in tables:
         group = candidates.add_table(table, candidates.log_prior(table) - weight, refined=True)
         model.sums.extend()
@@ -498,10 +491,11 @@ def _best_table(
             for scale in term.scale * np.array([0.25, 0.5, 1.0, 2.0])
         ]
         candidate = max(options, key=lambda t: t.score)
-        if candidate.score > score:
-            best, score = candidate, candidate.score
-        else:
-            candidates.forget([group])
+        worse = group
+        if value(candidate) > least:
+            worse, best, least = best.group, candidate, value(candidate)
+        if worse is not term.group:
+            candidates.forget([worse])
     if best is term:
         return term
-    return replace(best, gate=term.gate + (best.score - now) / model.kappa)
+    return replace(best, gate=term.gate + (best.score - now.score) / model.kappa)
