@@ -56,6 +56,11 @@ def score_case(
     judged = [claim for claim in claims if claim["name"] not in background]
     of_background = label.get("background_components", ())
     unknown = [place for place in places if place["component"] not in of_background]
+    # every statement that can be judged: its kind, its stated probability, whether it is right
+    stated = [("name", float(claim["probability"]), claim["name"] in truth) for claim in judged]
+    if label["world"] != "hard" and label["kind"] != "removed":
+        right = label["kind"] == "outside"
+        stated += [("unknown", float(place["probability"]), right) for place in unknown]
     first = {judged[0]["name"], *judged[0]["ambiguous_with"]} if judged else set()
     score: Score = {
         "claimed": names,
@@ -65,30 +70,13 @@ def score_case(
         "all_named": bool(truth) and set(label["focus"]) & set(truth) <= set(names),
         "in_set": bool(first & set(truth)) if truth else None,
         "false_names": false,
-        "claims": _claims(label, claims, unknown, truth),
+        "claims": stated,
     }
     if label["kind"] in ("single", "pair"):
         score |= _score_names(label, claims)
     if label["outside"] is not None:
         score |= _score_unknown(label, claims, unknown, false, fleet)
     return asked | score | _score_closure(label, gap, background)
-
-
-def _claims(
-    label: Label, claims: Sequence[Entry], unknown: Sequence[Entry], truth: Sequence[str]
-) -> list[tuple[str, float, bool]]:
-    """Every claim that can be judged: its kind, its stated probability, whether it is right."""
-    out = [
-        ("name", float(claim["probability"]), claim["name"] in truth)
-        for claim in claims
-        if claim["name"] in truth or claim["name"] not in label["background"]
-    ]
-    if label["world"] != "hard" and label["kind"] != "removed":
-        out += [
-            ("unknown", float(place["probability"]), label["kind"] == "outside")
-            for place in unknown
-        ]
-    return out
 
 
 def _score_names(label: Label, claims: Sequence[Entry]) -> Score:
@@ -209,7 +197,6 @@ def _score_unknown(
     false: Sequence[str],
     fleet: Sequence[str],
 ) -> Score:
-    """Scores of an effect outside the catalogue: raised, its variable, its aircraft."""
     if not unknown:
         return {"unknown_first": False}
     places = sorted(unknown, key=_reduction, reverse=True)
@@ -217,13 +204,12 @@ def _score_unknown(
     truth = label["outside"]
     assert truth is not None
     variable = (list(places[0]["variables"]) or [places[0]["variable"]])[0]
-    right = any(same_variable(variable, name) for name in truth["variables"])
     stated = {tail for place in places for tail in place["tails"] or fleet}
     true = {tail for effect in label["effects"] for tail in effect["tails"] or fleet}
     common = len(stated & true)
     return {
         "unknown_first": not false or largest <= _reduction(places[0]),
-        "variable_first": right,
+        "variable_first": any(same_variable(variable, name) for name in truth["variables"]),
         "precision": common / len(stated) if stated else 0.0,
         "recall": common / len(true) if true else 0.0,
     }

@@ -137,10 +137,9 @@ def _product(parameters: Value, variables: Variables, selected: Mask) -> tuple[A
     return product, np.asarray(size > LEAST_SHARE * max(float(size.max(initial=0.0)), 1e-12))
 
 
-def component_axes(
-    component: str, u: Array, v: Array, heading: Array, *, across: tuple[str, ...]
-) -> Winds:
+def component_axes(component: str, u: Array, v: Array, heading: Array) -> Winds:
     """Unit vectors (east, north) of a component along or across the heading or the wind."""
+    across = ("across_heading", "across_wind", "direction")
     if component.endswith("heading"):
         east, north = np.sin(heading), np.cos(heading)
     else:
@@ -167,8 +166,7 @@ def _mean_effect(
     if component == "direction":
         sine, cosine = np.sin(amount), np.cos(amount)
         return cosine * u + sine * v, cosine * v - sine * u
-    across = ("across_heading", "across_wind")
-    east, north = component_axes(component, u, v, variables["heading"], across=across)
+    east, north = component_axes(component, u, v, variables["heading"])
     return u + amount * east, v + amount * north
 
 
@@ -260,7 +258,6 @@ def outside_truth(
     lengths = np.hypot(*change.T)
     acts = lengths > 0.05 * lengths.max(initial=0.0)
     size = float(np.sqrt((lengths[acts] ** 2).mean())) if acts.any() else 0.0
-    affected = {name: values[selected] for name, values in variables.items()}
     component = str(parameters["component"])
     signed = signed_size(change, u, v, variables["heading"], component)
     named = 0.0
@@ -272,7 +269,7 @@ def outside_truth(
         acting += ["wind_direction", "wind_speed"]
     elif parameters.get("kind") in ("floor", "ceiling", "hole"):
         acting.append("wind_speed")
-    carried = carried_by(signed[selected], affected)
+    carried = carried_by(signed[selected], {name: x[selected] for name, x in variables.items()})
     return {
         "component": component,
         "shape": str(parameters.get("kind", parameters["shape"])),
@@ -334,8 +331,7 @@ def signed_size(change: Array, u: Array, v: Array, heading: Array, component: st
     """A change (n, 2) along its component, (n,) m/s; for ``scatter`` its length."""
     if component == "scatter":
         return np.asarray(np.hypot(*change.T))
-    across = ("across_heading", "across_wind", "direction")
-    east, north = component_axes(component, u, v, heading, across=across)
+    east, north = component_axes(component, u, v, heading)
     return np.asarray(change[:, 0] * east + change[:, 1] * north)
 
 
