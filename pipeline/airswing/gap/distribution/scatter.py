@@ -196,9 +196,9 @@ def _by_variable(
     """Excess over the quietest third of the cells, in m/s."""
     y = excess.logs
     edges = variable.edges(24)
-    selected = np.isin(frame.aircraft, candidate.tails) & np.isfinite(y)
     cell = cells_of(variable.values, edges)
-    selected &= cell >= 0
+    inside = np.isin(frame.aircraft, candidate.tails) & (cell >= 0)
+    selected = inside & np.isfinite(y)
     even = frame.time // DAY % 2 == 0
     (count, total), (count_even, total_even) = (
         _sums(cell, y, reports, edges.size - 1) for reports in (selected, selected & even)
@@ -214,7 +214,6 @@ def _by_variable(
     # three standard errors: none of two dozen cells by chance
     error = np.sqrt(LOG_VARIANCE / np.maximum(count, 1))
     above[above < np.maximum(3 * error, 0.2 * above.max())] = 0.0
-    inside = np.isin(frame.aircraft, candidate.tails) & (cell >= 0)
     affected = inside & (above > 0)[np.maximum(cell, 0)]
     gain = _gain_of_independent(excess.noise, affected)
     values = np.zeros(above.size)

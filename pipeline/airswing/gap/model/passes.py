@@ -93,8 +93,7 @@ def prepared(
         quiet = frame.residual - less
         noise = fit_noise(quiet, context, heading_doubt(frame, context), seed=seed)
     candidates = Candidates(frame, context, effects, tables=tables)
-    fields = day_field_columns(context)
-    sums = Sums(frame, noise, candidates, fields, frame.residual)
+    sums = Sums(frame, noise, candidates, day_field_columns(context), frame.residual)
     return Fitted(frame, context, noise, Model(sums), [])
 
 
@@ -115,9 +114,7 @@ def fit_model(
     exchange = _likeliest_exchange(fitted, effects) if exchanges else None
     fitted.search(effects)
     if exchange is not None:
-        corrected = _fit_with_exchange(fitted, exchange, effects, tables, seed)
-        if corrected is not None:
-            fitted = corrected
+        fitted = _fit_with_exchange(fitted, exchange, effects, tables, seed)
     fitted.refit(effects)
     for _ in range(PASSES):
         again = _linearised(fitted, effects, tables, seed)
@@ -142,8 +139,8 @@ def _likeliest_exchange(fitted: Fitted, effects: Mapping[str, Effect]) -> Exchan
 
 def _fit_with_exchange(
     fitted: Fitted, exchange: Exchange, effects: Mapping[str, Effect], tables: bool, seed: int
-) -> Fitted | None:
-    """Fit with the identifiers of the later reports of a pair exchanged; None if no better."""
+) -> Fitted:
+    """Fit with the identifiers of the later reports of a pair exchanged, if that is better."""
     sums, (first, second) = fitted.model.sums, exchange.pair
     late = sums.day >= exchange.day
     aircraft = fitted.frame.aircraft.copy()
@@ -156,7 +153,7 @@ def _fit_with_exchange(
     gain = total_evidence(corrected, kappa) - total_evidence(fitted, kappa)
     evidence = gain - float(np.log(sums.A * (sums.A - 1) / 2 * sums.D))  # pairs and days
     if evidence - np.log(2 * len(effects)) < GATE:
-        return None
+        return fitted
     corrected.exchange = replace(exchange, evidence=evidence)
     return corrected
 

@@ -64,9 +64,8 @@ class Sums:
         self.A, self.D, self.n = len(frame.tails), self.days.size, frame.size
         self.order = np.lexsort((self.day, frame.aircraft))
         key = (frame.aircraft * self.D + self.day)[self.order]
-        of_row = np.repeat(key, 2)
         self.cuts = 2 * np.searchsorted(key, np.arange(self.A * self.D + 1))
-        self.day_of_row = of_row % self.D
+        self.day_of_row = np.repeat(key, 2) % self.D
         self.cells = [
             (i // self.D, i % self.D, slice(int(self.cuts[i]), int(self.cuts[i + 1])))
             for i in range(self.A * self.D)
@@ -120,7 +119,6 @@ class Sums:
         self.shared = np.concatenate([self.shared[..., :first], self.root @ new], axis=2)
 
     def _rows_by_day(self, aircraft: int) -> list[slice]:
-        """Rows of an aircraft on each day, counted from its first."""
         cuts = self.cuts[aircraft * self.D : (aircraft + 1) * self.D + 1]
         return [slice(i, j) for i, j in itertools.pairwise((cuts - cuts[0]).tolist())]
 
@@ -233,10 +231,7 @@ def field_variance(gram: Floats, score: Floats) -> Floats:
 def _fit_by_em(
     gram: Floats, score: Floats, segments: Floats, constants: list[int]
 ) -> tuple[Floats, float, Floats]:
-    """Variances, log likelihood and fields (D, q) by expectation maximisation.
-
-    The constants' means are those of each segment (D, k); zero where no day is in one.
-    """
+    """Variances, log likelihood and fields (D, q); the constants have a mean in each segment."""
     variance, mean = np.full(score.shape[1], START), np.zeros_like(score)
     weights = segments / np.maximum(segments.sum(axis=0), 1)
     for _ in range(STEPS):

@@ -93,8 +93,7 @@ def assemble(
     if not entries:
         # where nothing is stated the interval holds an error that could hide
         low, high = low - 0.25 * hidden, high + hidden
-    gates = [claim.gate for claim in claims]
-    best = max([0.0, *gates, *(entry.evidence_nats or 0.0 for entry in unseen)])
+    best = max([0.0, *(claim.gate for claim in claims), *(x.evidence_nats for x in unseen)])
     unknown = None
     if unnamed:
         closed = sum(step.reduction for step in unnamed)
@@ -109,7 +108,7 @@ def assemble(
         waterfall.append(StepEntry(step.name, waterfall[-1].kt - step.reduction, step.reduction_ci))
     waterfall.append(StepEntry("noise floor", waterfall[-1].kt, None))
     return GapReport(
-        gap=DisagreementEntry(before, before - value, float(np.exp(-max(best, 0.0)))),
+        gap=DisagreementEntry(before, before - value, float(np.exp(-best))),
         where=[row for row in where if row.q_value < 0.05][:20],
         effects=named,
         unknown=UnknownEntry(bool(places), places, unknown),
@@ -179,7 +178,7 @@ def _evidence_entries(fitted: Fitted) -> list[EvidenceEntry]:
                     known="|" not in name,
                     subset=list(term.group.form) if same else [],
                     evidence_nats=float(term.score - margin),
-                    posterior=_floats(term.inclusion if same else None),
+                    posterior=[] if not same or term.inclusion is None else term.inclusion.tolist(),
                 )
             )
     return out
@@ -193,20 +192,16 @@ def _noise_entry(fitted: Fitted) -> NoiseEntry:
         white_sd_m_s=float(model.white_sd),
         length_km=float(model.length) / 1e3,
         height_ln_p=float(model.height),
-        level_hPa=_floats(np.exp(model.level_nodes) / 100),
-        level_factor=_floats(model.level_factors),
-        day_field_sd_m_s=_floats(np.sqrt(fitted.model.sums.field_variance)),
-        climatology_sd_m_s=_floats(np.abs(theta)),
-        distance_km=_floats(noise.distance_km),
-        autocovariance=_floats(noise.autocovariance),
-        autocovariance_model=_floats(noise.autocovariance_model),
+        level_hPa=(np.exp(model.level_nodes) / 100).tolist(),
+        level_factor=model.level_factors.tolist(),
+        day_field_sd_m_s=np.sqrt(fitted.model.sums.field_variance).tolist(),
+        climatology_sd_m_s=np.abs(theta).tolist(),
+        distance_km=noise.distance_km.tolist(),
+        autocovariance=noise.autocovariance.tolist(),
+        autocovariance_model=noise.autocovariance_model.tolist(),
         along_heading=float(model.along),
         across_heading=float(model.across),
     )
-
-
-def _floats(values: Floats | None) -> list[float]:
-    return [] if values is None else [float(value) for value in values]
 
 
 # ------------------------------------------------------------------------------------------ gap.nc

@@ -142,10 +142,9 @@ def simulate(
     if noise is not None:
         error = draw_noise(frame, noise, rng=np.random.default_rng(noise_seed))
         state = replace(state, wind_u=frame.u_ref + error[:, 0], wind_v=frame.v_ref + error[:, 1])
-    for stage in ("identity", "atmosphere"):
-        state = _apply_stage(state, frame, prepared, stage)
+    state = _apply_stages(state, frame, prepared, "identity", "atmosphere")
     state = _measured(state, frame, prepared)
-    state = _apply_stage(state, frame, prepared, "report")
+    state = _apply_stages(state, frame, prepared, "report")
     u, v = state.report_u, state.report_v
     if coding is not None:
         u, v = coding.apply(u, v)
@@ -187,14 +186,12 @@ def remove_effects(frame: Frame, effects: Sequence[ActiveEffect]) -> Frame:
     seeds = np.random.SeedSequence(0).spawn(len(effects))
     prepared = PreparedEffect.all_of(effects, frame, seeds)
     frame = _without_tables(frame, prepared)
-    met = _initial_state(frame)
-    for stage in ("identity", "atmosphere"):
-        met = _apply_stage(met, frame, prepared, stage)
+    met = _apply_stages(_initial_state(frame), frame, prepared, "identity", "atmosphere")
     frame = replace(frame, aircraft=met.airframe)
     true = frame.airspeed
     state = after = _initial_state(frame)
     for _ in range(8):  # errors of the airspeed of 10 % converge below 1e-5 m/s
-        after = _apply_stage(replace(state, airspeed=true), frame, prepared, "sensor")
+        after = _apply_stages(replace(state, airspeed=true), frame, prepared, "sensor")
         true = true - (after.airspeed - frame.airspeed)
     error = after.heading_error
     heading = frame.heading - error
@@ -253,12 +250,13 @@ def _initial_state(frame: Frame) -> State:
     )
 
 
-def _apply_stage(
-    state: State, frame: Frame, prepared: Sequence[PreparedEffect], stage: str
+def _apply_stages(
+    state: State, frame: Frame, prepared: Sequence[PreparedEffect], *stages: str
 ) -> State:
-    for item in prepared:
-        if item.effect.stage == stage:
-            state = item.apply(state, frame)
+    for stage in stages:
+        for item in prepared:
+            if item.effect.stage == stage:
+                state = item.apply(state, frame)
     return state
 
 
@@ -274,7 +272,7 @@ def _measured(state: State, frame: Frame, prepared: Sequence[PreparedEffect]) ->
         magnetic = indicated - frame.declination
         view = replace(frame, heading=indicated, magnetic_heading=magnetic, airspeed=airspeed)
         before = after.heading_error
-        after = _apply_stage(clean, view, prepared, "sensor")
+        after = _apply_stages(clean, view, prepared, "sensor")
         change = np.max(np.abs(after.heading_error - before), initial=0.0)
         if change < 1e-12:
             break
