@@ -67,10 +67,7 @@ def exogenous(frame: Frame) -> Frame:
 
 
 def _large_scale(frame: Frame) -> tuple[Floats, Floats]:
-    """Fit by day of the reported wind to position, level, their products and the hour.
-
-    The fit and its derivative by ln p at the reports, each (n, 2), m s-1.
-    """
+    """Fit by day of the reported wind, and its derivative by ln p, each (n, 2), m s-1."""
     x, y, z = _places(frame)
     hour = np.mod(frame.time / DAY, 1.0) - 0.5
     unit, zero = np.ones_like(x), np.zeros_like(x)

@@ -442,13 +442,7 @@ def _autocovariance(
     time: Floats,
     model: NoiseModel,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Autocovariance along flights against distance, of a residual (n, 2) and of its model.
-
-    ``distance`` (m) and ``step`` (of ln p) are those since the previous report. Returns the mean
-    distance (km), the mean product of a component, measured and of the model (m2 s-2), and the
-    number of pairs, (m,) each; the first is of distance zero. Most pairs also changed level: the
-    model is averaged over them.
-    """
+    """Mean distance (km), autocovariance, that of the model, and number of pairs, (m,) each."""
     rows = np.lexsort((time, flight))
     along, climbed = (np.cumsum(np.where(np.isfinite(x), x, 0.0)[rows]) for x in (distance, step))
     residual, flight = residual[rows], flight[rows]
@@ -459,6 +453,7 @@ def _autocovariance(
     gap = along[after] - along[before]
     edges = np.array([0, 10, 25, 50, 75, 100, 150, 200, 300, 400, 600, 900]) * 1e3
     where = np.searchsorted(edges, gap, "right")
+    # most pairs also changed level: the model is averaged over them; the first value is at zero
     product = 0.5 * (residual[after] * residual[before]).sum(axis=1)
     correlation = model.decay(gap, climbed[after] - climbed[before])
     total, reach, covariance, fitted = (

@@ -12,12 +12,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
+from airswing.synthetic.atmosphere import Array
 from airswing.synthetic.instrument import EarthField
 from airswing.units import KNOT
 
-Array = NDArray[np.float64]
 START = np.datetime64("2017-01-11T00:00", "ns")
 LEVELS = (500.0, 400.0, 300.0, 250.0, 200.0)
 # Standard altitudes of the levels that are flown.

@@ -339,10 +339,8 @@ def sampled(headings: xr.Dataset, most: int = 150_000) -> xr.Dataset:
 
 
 def _departures(block: xr.Dataset) -> tuple[Floats, Booleans]:
-    """Time of the first report of each report's flight, s since 1970, and which reports are first.
-
-    The reports of a flight are consecutive.
-    """
+    """Time of the first report of each report's flight, s since 1970; which reports are first."""
+    # the reports of a flight are consecutive
     flight = block["flight"].to_numpy()
     begins = np.r_[True, flight[1:] != flight[:-1]][: flight.size]
     seconds = block["time"].to_numpy().astype("datetime64[s]").astype(np.float64)

@@ -75,10 +75,7 @@ def find_lasting_errors(fitted: Fitted, residual: Floats, gross: Booleans) -> Pl
 def _evidence(
     score: Floats, information: Floats, aircraft: Integers, number: int
 ) -> tuple[float, tuple[int, ...], Floats] | None:
-    """Log evidence of an effect, the affected aircraft, and the mean square in each period.
-
-    ``score``, ``information`` and ``aircraft`` are of each period.
-    """
+    """Log evidence of an effect, the affected aircraft, and the mean square in each period."""
     used = np.flatnonzero(information > 0.0)
     if not used.size:
         return None
@@ -109,8 +106,6 @@ class _Fit(NamedTuple):
 
     @classmethod
     def of(cls, value: Floats, noise: Floats, owner: Integers, number: int, freedom: float) -> _Fit:
-        """Fit values with a variance by noise, (periods,), of the aircraft that own them."""
-
         def density(variance: Floats) -> Floats:  # Student's, but for a constant
             ratio = np.log1p(value**2 / (freedom * variance))
             return np.asarray(-0.5 * (np.log(variance) + (freedom + 1) * ratio))

@@ -149,21 +149,17 @@ def _change_at_nodes(
 
 
 def _secular_patterns(frame: Frame) -> Floats:
-    """Secular variation over ten years, and that over forty minus it, (2, n) rad per year.
-
-    Without the second a sixth of the error of a table that is forty years old remains.
-    """
+    """Secular variation over ten years, and that over forty minus it, (2, n) rad per year."""
+    # without the second a sixth of the error of a table that is forty years old remains
     recent = declination_change(frame, years=10.0) / 10.0
     return np.stack([recent, declination_change(frame, years=40.0) / 40.0 - recent])
 
 
 def _year_of_coefficients(frame: Frame, coefficients: Floats) -> float:
-    """Epoch whose table is nearest to coefficients of the secular patterns.
-
-    If the second coefficient is 0, the first one is that of the pattern without curvature.
-    """
+    # the epoch whose table is nearest to coefficients of the secular patterns
     # five hundred reports, of which an epoch is found in a second
     subset = frame.take(slice(None, None, max(1, frame.size // 500)))
+    # if the second is 0, the first is that of the pattern without curvature
     used = slice(None, 2 if coefficients[1] else 1)
     patterns = np.nan_to_num(_secular_patterns(subset))[used]
     now = 1970.0 + float(np.mean(frame.time)) / YEAR

@@ -135,10 +135,8 @@ class HeaterCurrent(OffsetAndCycle):
 
 
 def _colder(frame: Frame, edge: float) -> Floats:
-    """Return 1 where colder than an edge (degC), 0 where warmer or unknown; linear over 1 K.
-
-    Temperatures are coded in steps of 1 K: a report at an edge is half on either side.
-    """
+    """Return 1 where colder than an edge (degC), 0 where warmer or unknown; linear over 1 K."""
+    # temperatures are coded in steps of 1 K: a report at an edge is half on either side
     below = edge + ZERO_CELSIUS - frame.temperature + 0.5
     return np.asarray(np.nan_to_num(np.clip(below, 0.0, 1.0)))
 

@@ -105,10 +105,7 @@ def _missed_ratio(fitted: Fitted, claim: Sequence[int]) -> float:
 def _coefficient_doubt(
     fitted: Fitted, claims: Sequence[Sequence[int]], rng: np.random.Generator
 ) -> list[tuple[float, float]]:
-    """Standard deviation of each step and of the total when coefficients are drawn, kt.
-
-    Also the mean of what their errors cost.
-    """
+    """Scatter of each step and of the total by errors of coefficients, and their mean cost, kt."""
     if not claims:
         return []
     exact = fitted.exact

@@ -90,7 +90,6 @@ class _Common:
         return np.asarray(level + gain - 0.5 * self.log_det)
 
     def mean(self, score: Floats, information: Floats) -> Floats:
-        """Posterior mean of phi."""
         return np.asarray(np.linalg.solve(self.inverse + information, score[..., None])[..., 0])
 
 
@@ -273,7 +272,6 @@ class _Periods:
 
     @classmethod
     def of_archive(cls, stretches: int) -> _Periods:
-        """Periods in an archive of so many stretches."""
         until_end = np.arange(stretches)
         lengths = [SIDES << k for k in range(stretches.bit_length()) if SIDES << k < stretches]
         begins = [np.arange(0, stretches - n, max(1, n // 4)) for n in lengths]
@@ -284,7 +282,6 @@ class _Periods:
         return cls(start, stop, -np.log(2.0 * number))
 
     def sums(self, by_stretch: Floats) -> Floats:
-        """Sums (A, P, ...) of values (A, T, ...) over each period."""
         total = np.insert(np.cumsum(by_stretch, axis=1), 0, 0.0, axis=1)
         return np.asarray(total[:, self.stop] - total[:, self.start])
 
@@ -308,7 +305,10 @@ def dated_evidence(
     day_score = model.day_score[:, :, group.columns] @ group.transform
     periods = _Periods.of_archive(sums.T)
     information = periods.sums(by_day)
-    shape = _unit_trace_shape(information)
+    # of the prior: scaled to the trace of the unit matrix, which replaces it where it is zero
+    m = information.shape[-1]
+    trace, eye = np.trace(information, axis1=-2, axis2=-1)[..., None, None], np.eye(m)
+    shape = np.where(trace > 0, m * information / np.maximum(trace, 1e-12), eye) + SLIGHT * eye
     # of the whole archive and of each period
     cross = information.copy()
     for a in range(sums.A):
@@ -364,14 +364,6 @@ def _factor_with_changes(
     inverse = np.asarray(np.linalg.inv(stats.information + stats.ridge), np.float64)
     factors = [cluster_factor(residual, by_day, inverse, stats.ridge, n) for n in BLOCKS]
     return np.maximum(*factors)
-
-
-def _unit_trace_shape(information: Floats) -> Floats:
-    """Information scaled to the trace of the unit matrix, which replaces it where it is zero."""
-    m = information.shape[-1]
-    trace = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
-    eye = np.eye(m)
-    return np.where(trace > 0, m * information / np.maximum(trace, 1e-12), eye) + SLIGHT * eye
 
 
 @dataclass(frozen=True)

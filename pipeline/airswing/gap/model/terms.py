@@ -321,10 +321,7 @@ class Model:
                 self._fit(terms)
 
     def _square(self, k: int) -> Singles:
-        """Whitened rows of the squared part of a term of one coefficient, given all others.
-
-        It minimises the misfit of z t + c t^2; zero where z alone fits better.
-        """
+        """Whitened rows of the squared part of a term of one coefficient, given all others."""
         sums, term = self.sums, self.terms[k]
         raw = sums.candidates.curved[term.group.name] * float(term.group.transform[0, 0]) ** 2
         z: Singles = np.zeros(2 * sums.n, np.float32)
@@ -336,6 +333,7 @@ class Model:
         zr, cr, zz, zc, cc = (
             float(x @ y) for x, y in ((z, residual), (c, residual), (z, of_z), (z, of_c), (c, of_c))
         )
+        # of z t + c t^2; zero where z alone fits better
         misfit = np.polynomial.Polynomial([0.0, -2 * zr, zz - 2 * cr, 2 * zc, cc])
         turns = misfit.trim().deriv().roots()
         best = min(turns[np.isreal(turns)].real, key=misfit)
@@ -441,12 +439,8 @@ def _with_factors(
     fleet_information: Floats,
     width: float,
 ) -> Statistics:
-    """Statistics of scores (A, D, m) by day, with noise factors.
-
-    ``information`` (A, m, m) and ``fleet_information`` (m, m) are those given the terms, ``width``
-    is the prior standard deviation of the fit of each aircraft, whose part in the scores of days is
-    no scatter.
-    """
+    """Statistics of scores by day and information given the terms, with noise factors."""
+    # the fit of each aircraft, of prior standard deviation ``width``, is no scatter of its days
     total, m = by_day.sum(axis=1), score.shape[-1]
     ridge = 1e-7 * np.trace(total.sum(axis=0)) / m * np.eye(m) + 1e-12 * np.eye(m)
     summed = score.sum(axis=1)

@@ -147,8 +147,6 @@ class _Deck:
 
 
 class _Dealer:
-    """Draws the cases of one rung."""
-
     def __init__(
         self,
         rung: int,
@@ -170,7 +168,6 @@ class _Dealer:
         self._number = 0
 
     def cases(self, count: int, nulls: int) -> list[Case]:
-        """The cases, those without effect first."""
         # Archives without effects are equal where their worlds are: each has another world.
         worlds = max(nulls, -(-count // _CASES_PER_WORLD))
         out = []

@@ -201,11 +201,8 @@ def sensor_record(table: pd.DataFrame) -> SensorRecord:
 
 
 def _irregular(heading: Array, error: Array) -> Array:
-    """Error minus the mean of each heading.
-
-    Reports draw their moments by heading: a lasting deviation of the unit would return in every
-    report of that heading, and a diagnosis that names it would be right.
-    """
+    # reports draw their moments by heading: a lasting deviation of the unit would return in every
+    # report of that heading, and a diagnosis that names it would be right
     bins = _heading_bin(heading)
     count = np.bincount(bins, minlength=_HEADING_BINS)
     mean = np.bincount(bins, error, _HEADING_BINS) / np.maximum(count, 1)
@@ -246,9 +243,9 @@ def with_real_sensor(
         moment = _moments(record, magnetic[rows], flight[rows], begin)
         turned[rows] = record.heading_error[moment]
         longer[rows] = record.airspeed_error[moment]
-    air = out["heading"].to_numpy(float), out["airspeed"].to_numpy(float)
     ground = out["ground_u"].to_numpy(float), out["ground_v"].to_numpy(float)
-    heading, airspeed = air[0] + turned, air[1] + longer
+    heading = out["heading"].to_numpy(float) + turned
+    airspeed = out["airspeed"].to_numpy(float) + longer
     u, v = compute_wind(*ground, airspeed, heading)
     direction, speed = coded(u, v, direction_step=np.ones(len(out)), speed_step=np.ones(len(out)))
     out["heading"], out["airspeed"] = heading, airspeed
