@@ -10,6 +10,5 @@ def ragged(columns, row_size=None, aircraft=None, reference=None, **attrs):
     ds = xr.Dataset({name: (axes[np.ndim(v)], v) for name, v in columns.items()}, attrs=attrs)
     if row_size is not None:
         names = [f"N{k}" for k in range(len(row_size))] if aircraft is None else list(aircraft)
-        sizes = ("aircraft", np.asarray(row_size))
-        ds = ds.assign(row_size=sizes).assign_coords(aircraft=names)
+        ds = ds.assign(row_size=("aircraft", np.asarray(row_size))).assign_coords(aircraft=names)
     return ds if reference is None else ds.assign_coords(reference=list(reference))

@@ -37,8 +37,7 @@ def test_wrong_usage_is_status_2():
     ):
         done = airswing(*command.split())
         assert done.returncode == 2 and says in done.stderr and "Traceback" not in done.stderr
-    shown = airswing("export", "--help").stdout
-    assert "reject_list needs it" in " ".join(shown.split())
+    assert "reject_list needs it" in " ".join(airswing("export", "--help").stdout.split())
 
 
 @pytest.mark.parametrize(

@@ -127,8 +127,7 @@ def test_cf_xarray_and_trajan_open_the_trajectories(path):
 
 @pytest.mark.parametrize("product", NAMES)
 def test_the_documented_names_are_there(quickstart, product):
-    variables = read_product(quickstart / product).variables
-    assert not set(NAMES[product].split()) - set(variables)
+    assert not set(NAMES[product].split()) - set(read_product(quickstart / product).variables)
 
 
 def test_the_page_and_the_tables_are_there(quickstart):

@@ -145,8 +145,7 @@ def test_the_shared_error_is_removed_and_intervals_hold():
 
 
 def test_a_fleet_summed_in_parts_gives_the_same_fits():
-    setting = Setting(aircraft=5, days=15)
-    ds, _ = fly(fleet_deviations(5, np.random.default_rng(6)), setting, 6)
+    ds, _ = fly(fleet_deviations(5, np.random.default_rng(6)), Setting(aircraft=5, days=15), 6)
     fits = fit_deviation(ds)
     size = int(ds["row_size"][0])
     parts = [

@@ -75,8 +75,7 @@ def headings(seconds, wind, reference, ground, columns, aircraft):
         "reference_eastward_wind": reference.real[None],
         "reference_northward_wind": reference.imag[None],
     }
-    sizes = np.full(len(aircraft), seconds.size // len(aircraft))
-    return ragged(columns, sizes, aircraft, ["ruc"])
+    return ragged(columns, np.full(len(aircraft), seconds.size // len(aircraft)), aircraft, ["ruc"])
 
 
 def polar(wind):
@@ -97,8 +96,7 @@ def triangle(heading=np.asarray, track=np.asarray, ground=1.0):
         wind = ground * np.abs(fields["ground"]) * np.exp(1j * np.radians(90 - derived_track))
         wind = wind - fields["reported_airspeed"] * np.exp(1j * np.radians(90 - reported))
         wind[(np.abs(wind) > 150.0) | (derived_track > 360.0)] = np.nan  # as on reading
-        columns = {"reported_heading": reported, "wind_source": np.ones(wind.size)}
-        return polar(wind) | columns
+        return polar(wind) | {"reported_heading": reported, "wind_source": np.ones(wind.size)}
 
     return change
 

@@ -85,8 +85,7 @@ def test_phases_and_absent_ground_vectors():
         screen(ds, phases=["cruising"])
     absent = ("ground_speed", "ground_velocity_error", "airspeed", "turn")
     assert bits(headings(dict.fromkeys(absent, np.nan))) == [SCREENING["no_ground_vector"]]
-    attrs = screen(ds).screening.attrs
-    assert attrs["flag_meanings"].split() == list(SCREENING)
+    assert screen(ds).screening.attrs["flag_meanings"].split() == list(SCREENING)
 
 
 def test_values_beyond_each_limit_are_rejected():

@@ -70,11 +70,7 @@ def simulate_fleet(seed, *, corrected=19, controls=17, days=(60, 60), flights=3,
     return SimpleNamespace(headings=headings, levels=levels, **members)
 
 
-def run(fleet, **options):
-    return field_test_of(fleet.headings, fleet, **options)
-
-
-def field_test_of(headings, fleet, **options):
+def run(fleet, headings=None, **options):
     asked = {
         "start": START,
         "before_start": date(2009, 7, 20),
@@ -84,7 +80,7 @@ def field_test_of(headings, fleet, **options):
         "reference": "rr",
         "draws": 400,
     }
-    return field_test(headings, **(asked | options))
+    return field_test(fleet.headings if headings is None else headings, **(asked | options))
 
 
 def test_the_seeds_table_gives_its_adjusted_reduction_both_ways():
@@ -172,14 +168,13 @@ def test_a_flag_that_no_report_has_is_noted_and_not_required():
     fleet = simulate_fleet(0, days=(5, 5), corrected=3, controls=3, flights=1, reports=2)
     fleet.headings["roll_flag"][:] = 0
     assert "roll_flag" in run(fleet)["notes"][0]
-    without = fleet.headings.drop_vars("roll_flag")
-    assert "roll_flag" in field_test_of(without, fleet)["notes"][0]
+    assert "roll_flag" in run(fleet, fleet.headings.drop_vars("roll_flag"))["notes"][0]
 
 
 def test_an_absent_flag_rejects_no_report_and_an_unknown_policy_is_refused():
     fleet = simulate_fleet(0, days=(5, 5), corrected=3, controls=3, flights=1, reports=2)
     without = fleet.headings.drop_vars(["roll_flag", "temperature_qc"])
     policies = {"roll": "reject_bad", "temperature_qc": "reject_fail"}
-    assert field_test_of(without, fleet, **policies)["groups"] == run(fleet)["groups"]
+    assert run(fleet, without, **policies)["groups"] == run(fleet)["groups"]
     with pytest.raises(ConfigError, match=r"field_test\.roll"):
         run(fleet, roll="good")

@@ -198,8 +198,7 @@ def test_the_gain_of_a_constant_is_reduced_by_its_sampling_error_only():
         ds = flown(curves, Setting(aircraft=4, days=50), seed)
         away = np.abs((ds["magnetic_heading"] - 75.0 + 90.0) % 180.0 - 90.0) > 20.0
         ds["screening"] = (8 * away).astype(np.int32)
-        test = virtual_field_test(ds, learned_until=UNTIL, draws=300, **QUICK)
-        entries += test["by_aircraft"]
+        entries += virtual_field_test(ds, learned_until=UNTIL, draws=300, **QUICK)["by_aircraft"]
     assert len(entries) == 12
     predicted, error, difference = (
         np.array([entry[f"{name}_kt"] for entry in entries])

@@ -93,8 +93,7 @@ def test_statistics_are_those_of_numpy(archive):
     rms = np.sqrt((difference**2).mean())
     expected = [used.sum(), difference.mean(), difference.std(ddof=1), rms]
     names = ("count", "bias", "standard_deviation", "rms")
-    stated = [float(cell[f"innovation_eastward_{name}"]) for name in names]
-    assert stated == pytest.approx(expected)
+    assert [float(cell[f"innovation_eastward_{name}"]) for name in names] == pytest.approx(expected)
     bias = by_aircraft["innovation_eastward_bias"].sel(aircraft="N1", reference="both")
     assert float(bias.sel(state="corrected") - bias.sel(state="reported")) == pytest.approx(0.5)
     assert np.isnan(by_aircraft["innovation_speed_bias"].sel(aircraft="N2")).all()

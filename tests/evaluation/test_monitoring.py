@@ -69,8 +69,7 @@ def test_routes_that_turn_are_no_change_and_a_change_is():
     """Other routes every 60 days; third to fifth harmonics; one compass steps 2 degrees."""
     change = np.zeros((12, 180, 5))
     change[4, 100:, 1] = 2.0 * np.sqrt(2.0)
-    world = World(wrong_curve=0.6)
-    entries = watched(world, aircraft=12, days=180, seed=6, change=change).changes
+    entries = watched(World(wrong_curve=0.6), aircraft=12, days=180, seed=6, change=change).changes
     assert [len(entry["changes"]) for entry in entries] == [int(k == 4) for k in range(12)]
     entry = entries[4]["changes"][0]
     first, last = np.array(entry["date_ci"], dtype="M8[D]").astype(int)
@@ -156,8 +155,7 @@ def test_a_step_of_all_aircraft_is_that_of_the_reference(number):
 
 def test_a_fleet_without_a_change_has_no_alarm():
     """15 aircraft-years of heavy tails and lasting errors of the reference."""
-    world = replace(WORLD, persistence=0.7, days_off=0.3)
-    watch = watched(world, aircraft=30, days=180, seed=21)
+    watch = watched(replace(WORLD, persistence=0.7, days_off=0.3), aircraft=30, days=180, seed=21)
     assert watch.tested.alarms == []
     assert not any(entry["changes"] for entry in watch.changes)
 
@@ -280,8 +278,7 @@ def test_new_and_silent_aircraft_are_events():
         previous = find_events(ds, fits, previous=previous, until=until)
         assert [(e.kind, e.aircraft, e.date) for e in previous.new_events] == [event]
     assert [state.silent for state in previous.states] == [False] * 5 + [True]
-    alone = some_reports(ds, (who != 2)[present])
-    first = find_events(alone, fits)
+    first = find_events(some_reports(ds, (who != 2)[present]), fits)
     assert [e.aircraft for e in find_events(ds, fits, previous=first).new_events] == ["N002"]
 
 

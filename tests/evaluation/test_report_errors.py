@@ -96,8 +96,7 @@ def test_one_reference_and_neighbours():
     assert before == pytest.approx(reported, rel=0.05)
     low, high = errors["fleet_observation_error_interval"].sel(state="corrected").to_numpy()
     assert low < 0.5 < high and high - low < 0.2
-    gain = errors["fleet_weight_gain"].item()
-    assert gain == pytest.approx((before / after) ** 2)
+    assert errors["fleet_weight_gain"].item() == pytest.approx((before / after) ** 2)
     assert np.isnan(by_hat(errors))
     cell = errors["observation_error"].sel(flight_phase="cruise", state="corrected").to_numpy()
     assert np.isfinite(cell).sum() == 1 and cell[5] == pytest.approx(after, rel=1e-6)

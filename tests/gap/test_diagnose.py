@@ -223,8 +223,7 @@ def test_an_effect_of_one_reference_is_attributed_to_it_at_its_size():
     offsets = {"right": 0.0, "late": -2.0}
 
     def frame_against(reference, offset):
-        hours = offsets[reference] - offset
-        return archive(effect("reference_time_offset", offset_h=hours))
+        return archive(effect("reference_time_offset", offset_h=offsets[reference] - offset))
 
     pool = [frame_against(reference, 0.0) for reference in offsets]
     names = [f"{c}_{when}" for c in "uv" for when in ("ref", "before", "after")]

@@ -295,8 +295,7 @@ def test_speed_bias_recovers_the_wind_met(perfect, limits, inside):
     factor = np.where(inside(perfect.pressure), 1.1, 1.0)
     strong = replace(perfect, u_ref=perfect.u_ref * factor, v_ref=perfect.v_ref * factor)
     effect = ActiveEffect("reference_speed_bias", {"bias_percent": 10.0, **limits})
-    met = simulate(strong, effects=[effect])
-    np.testing.assert_allclose(met.u_rep, perfect.u_ref, atol=1e-9)
+    np.testing.assert_allclose(simulate(strong, effects=[effect]).u_rep, perfect.u_ref, atol=1e-9)
     assert 0.0 < np.mean(factor > 1.0) <= 1.0
 
 
@@ -353,8 +352,7 @@ def test_missing_context_is_named(perfect):
     for name in ("compass_offset", "hard_iron", "soft_iron", "tas_scale"):
         assert CATALOGUE[name].testable(same) == "all reports on one heading"
         assert CATALOGUE[name].testable(perfect) is None
-    cruise = perfect.take(perfect.phase == 2)
-    untestable = CATALOGUE["acceleration_error"].testable(cruise)
+    untestable = CATALOGUE["acceleration_error"].testable(perfect.take(perfect.phase == 2))
     assert untestable == "no climb or descent in these reports"
     flat = replace(perfect, dudlnp=np.full(perfect.size, np.nan))
     assert "vertical derivative" in CATALOGUE["altitude_offset"].testable(flat)

@@ -100,8 +100,7 @@ def effects_of_files(draw):
     tails = draw(st.none() | names.map(tuple))
     start = draw(st.none() | st.integers(0, 2**31).map(float))
     end = None if start is None else start + draw(st.integers(1, 10**7))
-    period = draw(st.sampled_from([None, (start, end)]))
-    return ActiveEffect(effect.name, parameters, tails, period)
+    return ActiveEffect(effect.name, parameters, tails, draw(st.sampled_from([None, (start, end)])))
 
 
 @given(st.lists(effects_of_files(), max_size=4))

@@ -76,8 +76,7 @@ def _of_obsproc(reports):
 def _of_wrfda(reports):
     for report in reports:
         assert report["type"] in ("tamdar", "airep")
-        moment = datetime.strptime(report["date"], "%Y-%m-%d_%H:%M:%S")
-        seconds = (moment - EPOCH).total_seconds()
+        seconds = (datetime.strptime(report["date"], "%Y-%m-%d_%H:%M:%S") - EPOCH).total_seconds()
         place = seconds, report["id"].rstrip(), report["lat"], report["lon"]
         for level in report["levels"]:
             assert level["wind_used"] and level["vertical"] == "pressure"

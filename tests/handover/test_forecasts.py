@@ -320,8 +320,7 @@ def test_series_one_by_one():
 
 
 def test_running_mean_by_hand():
-    errors = np.array([1.0, np.nan, 3.0, 5.0, np.nan, np.nan, np.nan])
-    mean = running_mean(errors, 3)
+    mean = running_mean(np.array([1.0, np.nan, 3.0, 5.0, np.nan, np.nan, np.nan]), 3)
     np.testing.assert_allclose(mean, [1.0, 1.0, 2.0, 4.0, 4.0, 5.0, np.nan])
 
 

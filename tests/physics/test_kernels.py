@@ -200,8 +200,7 @@ def test_declination_within_a_hundredth_of_a_degree_of_igrf(north, south, west, 
     latitude, longitude = rng.uniform(south, north, 300), rng.uniform(west, east, 300)
     height = rng.uniform(-200.0, 13500.0, 300)
     for date in (datetime(2008, 7, 3), datetime(2011, 3, 1, 6)):
-        seconds = (date - datetime(1970, 1, 1)).total_seconds()
-        field = field_at(latitude, longitude, height, seconds)
+        field = field_at(latitude, longitude, height, (date - datetime(1970, 1, 1)).total_seconds())
         e, n, up = (x[0] for x in ppigrf.igrf(longitude, latitude, height / 1000.0, date))
         horizontal = np.hypot(e, n)
         strong = horizontal > 5000.0

@@ -81,8 +81,7 @@ def test_a_turn_its_sign_and_its_bank():
 def test_flights_do_not_touch_and_a_lone_report_has_no_value():
     seconds = np.array([0.0, 165.0, 330.0, 400.0, 0.0, 165.0])
     lat, lon, _ = straight(45.0, -93.0, 70.0, 130.0, seconds)
-    flight = np.array([4, 4, 4, 9, 2, 2])
-    motion = tracked(lat, lon, seconds, flight=flight)
+    motion = tracked(lat, lon, seconds, flight=np.array([4, 4, 4, 9, 2, 2]))
     assert np.isnan(motion.eastward[3]) and np.isnan(motion.cross_error[3])
     np.testing.assert_array_equal(motion.before, [0, 1, 1, 0, 0, 1])
     np.testing.assert_array_equal(motion.after, [1, 1, 0, 0, 1, 0])
@@ -227,8 +226,7 @@ def test_a_turn_within_a_leg_is_between_its_two_reports():
 
 def test_a_turn_across_a_report_is_divided_between_both_legs():
     # 40 s before the report at 480 s, 20 s after it: 60 of 90 degrees are made there
-    flight = flown(turn(440, 500, 90.0))
-    estimate = estimated(flight)
+    estimate = estimated(flown(turn(440, 500, 90.0)))
     at = np.flatnonzero(estimate.report == 8)[0]
     assert np.degrees(estimate.heading[at]) == pytest.approx(60.0, abs=6.0)
     assert np.degrees(estimate.heading_error[at]) < 15.0

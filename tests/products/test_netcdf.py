@@ -31,8 +31,7 @@ def test_round_trip_with_names_units_and_provenance(tmp_path):
         "latitude": np.array([45.0, np.nan, 47.0]),
         "screening": np.array([0, 3, 512], dtype=np.int32),
     }
-    audit = {"dropped": {"duplicate": 2}}
-    reports = ragged(columns, [2, 1], ["007", "N412"], reading_audit=audit)
+    reports = ragged(columns, [2, 1], ["007", "N412"], reading_audit={"dropped": {"duplicate": 2}})
     path = write_product(reports, tmp_path / "a" / "headings.nc", title="t", config_json="{}")
     back = read_product(path)
     xr.testing.assert_equal(back.drop_vars("aircraft"), reports.drop_vars("aircraft"))

@@ -120,8 +120,7 @@ def test_copies_of_a_field_count_once_and_the_note_names_the_file(catalogued, tm
     first = np.arange(176.0) / 4
     write(tmp_path / "a.grib", *profile((500,), first))
     # the same values in another packing are a copy, too
-    again = profile((500,), first, packing="grid_ccsds", bits=20)
-    catalogue = catalogued(*again, name="b.grib")
+    catalogue = catalogued(*profile((500,), first, packing="grid_ccsds", bits=20), name="b.grib")
     assert {Path(f.path).name for f in catalogue.model_time(0).files} == {"b.grib"}
     (note,) = catalogue.notes
     assert "a.grib" in note and "b.grib is used" in note and "2009-08-01T12:00Z, lead 0 h" in note

@@ -61,8 +61,7 @@ def test_linear_in_time_between_valid_times_with_its_slope(tmp_path):
     tendency = got.reference_eastward_wind_tendency[0]
     np.testing.assert_allclose(tendency[:4], 10 / 3600, rtol=1e-6)
     assert np.isnan(tendency[4])  # both valid times are needed
-    shear = got.reference_northward_wind_lnp_derivative[0]
-    np.testing.assert_allclose(shear, -1.0, atol=1e-5)
+    np.testing.assert_allclose(got.reference_northward_wind_lnp_derivative[0], -1.0, atol=1e-5)
     without_derivatives = winds(reports(hours), catalogue)
     xr.testing.assert_equal(got[list(without_derivatives.data_vars)], without_derivatives)
 

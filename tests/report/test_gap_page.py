@@ -211,8 +211,7 @@ BY_DIRECTION = {"labels": [str(10 * k) for k in range(36)], "m_s": [5.0] * 36, "
     ],
 )
 def test_curves_of_unexplained_errors(changes, label):
-    gap = content(places=[place(**changes)])
-    figure = gap_figures(gap, MAPS)["unknown_1"]()
+    figure = gap_figures(content(places=[place(**changes)]), MAPS)["unknown_1"]()
     check_figure(figure)
     assert figure.axes[0].get_ylabel() == label
     if "variables" in changes:

@@ -144,8 +144,7 @@ def test_names_are_escaped_and_a_dollar_sign_begins_no_formula(tmp_path):
 
 
 def test_a_large_fleet_stays_usable(tmp_path, monkeypatch):
-    sizes = {"PANELS": 5, "TOGETHER": 3, "OVERVIEW": 3}
-    for name, number in sizes.items():
+    for name, number in {"PANELS": 5, "TOGETHER": 3, "OVERVIEW": 3}.items():
         monkeypatch.setattr(page, name, number)
     headings, fits = factories.few(8)
     text, summary = check_page(report.write_page(tmp_path, headings=headings, fits=fits))

@@ -156,8 +156,7 @@ REPORT = st.fixed_dictionaries(
 
 @given(st.lists(REPORT, min_size=1, max_size=20))
 def test_every_report_is_kept_or_dropped_once_and_what_stays_is_possible(reports):
-    columns = pd.DataFrame(reports).to_dict("list")
-    frame, audit = cleaned(len(reports), **columns)
+    frame, audit = cleaned(len(reports), **pd.DataFrame(reports).to_dict("list"))
     assert (audit.read, audit.usable) == (len(reports), len(frame))
     assert frame["latitude"].between(-90, 90).all()
     assert ((frame["longitude"] >= -180) & (frame["longitude"] < 180)).all()

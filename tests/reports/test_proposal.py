@@ -67,8 +67,7 @@ def test_a_date_and_an_hour_make_the_time(tmp_path):
     assert proposed["columns"]["time"] == {"date": "obs_date", "time": "obs_hour"}
     assert proposed["unused"] == ["Remark: none", "T"]  # no temperature
     reports = read_reports(tmp_path / "a.csv", columns=proposed["columns"])
-    expected = times.to_numpy().astype("M8[ns]")
-    assert reports["time"].to_numpy().tolist() == expected.tolist()
+    assert reports["time"].to_numpy().tolist() == times.to_numpy().astype("M8[ns]").tolist()
     assert "format" not in proposed["yaml"]
     table["obs_date"] = times.strftime("%d.%m.%Y")
     table.to_csv(tmp_path / "b.csv", index=False)

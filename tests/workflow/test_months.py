@@ -336,8 +336,7 @@ def test_all_products_open_as_one_tree(complete, tmp_path):
 
 def test_duplicates_around_the_end_of_a_month_are_counted_once(archive):
     (day,) = days(archive, "2009-01-31*")
-    table = pd.read_parquet(day)
-    table.iloc[:20].to_parquet(archive / "reports/again.parquet", index=False)
+    pd.read_parquet(day).iloc[:20].to_parquet(archive / "reports/again.parquet", index=False)
     headings = workflow.make_headings(job_of(archive))
     audit = json.loads(headings.attrs["reading_audit"])
     assert audit["dropped"] == {"exact_duplicate": 20}

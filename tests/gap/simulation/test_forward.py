@@ -138,8 +138,7 @@ def test_simulated_archive_is_read_back_with_the_winds_sent(tmp_path, suffix):
     headings = frames.headings_dataset(flights=4)
     headings["eastward_wind"][7] = np.nan  # a report without a wind is kept
     table = simulate_reports(headings, reference="ruc", effects=STRONG, noise=NOISE, seed=3)
-    path = write_reports(table, tmp_path / f"sent{suffix}")
-    again = read_reports(path)
+    again = read_reports(write_reports(table, tmp_path / f"sent{suffix}"))
     assert again.sizes["report"] == headings.sizes["report"]
     np.testing.assert_array_equal(again.aircraft.values.astype(str), list(frames.TAILS))
     np.testing.assert_array_equal(again.time.values, headings.time.values)
@@ -215,8 +214,7 @@ def test_simulated_effects_are_removed_to_rounding(name):
     sent = simulate(perfect, effects=ONE[name])
     assert np.hypot(*sent.residual.T).max() > 0.2
     removed = remove_effects(sent, ONE[name])
-    residual = np.hypot(*removed.residual.T)
-    assert residual.max() < 2e-6
+    assert np.hypot(*removed.residual.T).max() < 2e-6
     turned = np.angle(np.exp(1j * (removed.heading - perfect.heading)))
     if name in ("sensors", "tables"):
         assert np.abs(turned).max() < 1e-7
@@ -272,8 +270,7 @@ def test_errors_for_files_without_known_effects(tmp_path):
         read_known(tmp_path / "nothing.yaml", reference="ruc")
     with pytest.raises(InputError, match=r"no fit against the gap's reference.*fitted were ruc"):
         effects_of_fits(fits(), reference="rtfdaa", file=tmp_path / "fits.nc")
-    unrelated = xr.Dataset({"latitude": ("report", [1.0])})
-    write_product(unrelated, tmp_path / "other.nc", title="x")
+    write_product(xr.Dataset({"latitude": ("report", [1.0])}), tmp_path / "other.nc", title="x")
     with pytest.raises(InputError, match="holds no fitted deviations"):
         read_known(tmp_path / "other.nc", reference="ruc")
     unknown = [ActiveEffect("hard_iron", {"amplitude_deg": 1.0}, ("N999",))]

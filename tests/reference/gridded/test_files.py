@@ -98,8 +98,7 @@ def test_ecmwf_model_levels(surface, tmp_path):
         messages.append(message(np.log(ps), pv, **keys))
     else:
         messages.append(message(ps, **keys))
-    path = write(tmp_path / "ml.grib2", *messages)
-    model = build_catalogue(path, name="ifs", cache_dir=tmp_path)
+    model = build_catalogue(write(tmp_path / "ml.grib2", *messages), name="ifs", cache_dir=tmp_path)
     assert "cfgrib" in model.notes[0] and "slower" in model.notes[0]
     lat, lon = rng.uniform(-85, 85, 120), rng.uniform(-180, 180, 120)
     p = rng.uniform(20000.0, 75000.0, 120)
@@ -306,8 +305,7 @@ def test_files_of_wrf_in_several_layouts(real, tmp_path):
     minutes = native.drop_vars("Times")
     minutes["XTIME"].attrs["units"] = f"minutes since {start}"
     np.testing.assert_array_equal(wrf_winds(minutes, tmp_path), expected)
-    with_coordinate = minutes.rename(XTIME="time")
-    np.testing.assert_array_equal(wrf_winds(with_coordinate, tmp_path), expected)
+    np.testing.assert_array_equal(wrf_winds(minutes.rename(XTIME="time"), tmp_path), expected)
     for naming in ({"units": {"U": "kt"}}, {"level": "bottom_top"}):
         with pytest.raises(InputError, match="does not apply to files of WRF"):
             build_catalogue(native, name="wrf", naming=naming)

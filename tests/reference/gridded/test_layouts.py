@@ -334,8 +334,7 @@ def test_runs_and_leads(style):
 
 def test_the_shortest_of_several_leads():
     early = base().assign(u=base().u + 50).expand_dims(reftime=[START - 6 * HOUR])
-    late = base().expand_dims(reftime=[START])
-    ds = xr.concat([early, late], "reftime")
+    ds = xr.concat([early, base().expand_dims(reftime=[START])], "reftime")
     ds.time.attrs["standard_name"] = "time"
     ds.reftime.attrs["standard_name"] = "forecast_reference_time"
     check(ds)

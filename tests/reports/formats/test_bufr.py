@@ -175,8 +175,7 @@ def test_each_level_of_a_profile_has_its_own_wind_and_place(tmp_path, template, 
         if template == 311009:
             values |= {f"#{n + 2}#latitude": 52.3 + 0.02 * n, f"#{n + 2}#longitude": 4.8}
     levels = {"inputDelayedDescriptorReplicationFactor": [number]}
-    path = encoded(tmp_path / "a.bufr", template, values, **levels)
-    frame, audit = read_file(path)
+    frame, audit = read_file(encoded(tmp_path / "a.bufr", template, values, **levels))
     assert frame["tail"].tolist() == ["EU7777"] * number
     assert audit.dropped == {} and (frame["phase"] == 1).all()
     level = np.arange(number)
