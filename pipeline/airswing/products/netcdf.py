@@ -43,8 +43,6 @@ PRODUCTS = (
     *("innovation_statistics", "gap", "postprocessed"),
 )
 _MAKE = "Run the stage that makes it, or `airswing run`"
-# Rounded variables in the range from 0 to, but not including, 360 degrees.
-_DIRECTIONS = ("heading", "magnetic_heading", "track")
 
 
 def write_product(
@@ -166,7 +164,7 @@ def as_stored(ds: xr.Dataset) -> xr.Dataset:
         if entry.step:
             # a power of two: scaling loses nothing
             values = np.rint(variable.data * (1.0 / entry.step)) * entry.step
-            if name in _DIRECTIONS:
+            if name in ("heading", "magnetic_heading", "track"):
                 values = values % 360.0  # a value rounded up to 360 is north
             attrs = {**variable.attrs, "stored_step": entry.step}
             variable = xr.Variable(variable.dims, values, attrs)

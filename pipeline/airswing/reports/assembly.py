@@ -153,7 +153,6 @@ def _order(columns: Columns) -> Integers:
 
 
 def _same_moment(tail: Index, time: NDArray[np.datetime64]) -> Mask:
-    """Return True where a report shares tail and time with the one before."""
     same = np.zeros(tail.size, dtype=bool)
     same[1:] = (tail[1:] == tail[:-1]) & (time[1:] == time[:-1])
     return same
@@ -326,8 +325,7 @@ def _average(columns: Columns, interval: float) -> Integers:
     means = {str(name): column.to_numpy() for name, column in grouped.mean().items()}
     means["reported_heading"] = (heading[starts] + means["reported_heading"]) % 360.0
     means["longitude"] = wrap_degrees(longitude[starts] + means["longitude"])
-    nanoseconds = np.round((seconds[starts] + means["time"]) * 1e9)
-    means["time"] = nanoseconds.astype("datetime64[ns]")
+    means["time"] = np.round((seconds[starts] + means["time"]) * 1e9).astype("datetime64[ns]")
     east, north = means["eastward_wind"], means["northward_wind"]
     means["wind_speed"] = np.hypot(east, north)
     means["wind_direction"] = direction_in_degrees(east, north)
@@ -340,7 +338,6 @@ def _average(columns: Columns, interval: float) -> Integers:
 
 
 def _platform(columns: Columns, aircraft: int) -> NDArray[np.int8]:
-    """Most frequent platform in an aircraft's reports; unknown if none names one."""
     counts = np.zeros((aircraft, max(PLATFORM.values()) + 1), dtype=np.int64)
     np.add.at(counts, (columns["tail"], columns["platform"]), 1)
     counts[:, PLATFORM["unknown"]] = 0

@@ -265,8 +265,7 @@ def resolutions(columns: Columns, row_size: Index) -> dict[str, Floats]:
         ("wind_speed", columns["wind_speed"][used], SPEED_STEPS, KNOT),
         ("wind_direction", columns["wind_direction"][used], DIRECTION_STEPS, 1.0),
     ):
-        aircraft = np.resize(group, values.size)
-        counts = _on_steps(values.astype(np.float64), aircraft, number, steps)
+        counts = _on_steps(values.astype(np.float64), np.resize(group, values.size), number, steps)
         step = _coarsest(counts, steps, FEWEST)
         if (absent := np.isnan(step)).any():
             # Where an aircraft has few reports, the most frequent step of the fleet is used.

@@ -95,7 +95,6 @@ def propose_mapping(path: str | Path) -> dict[str, Any] | None:
 
 
 def _time(table: pd.DataFrame, stems: dict[str, str], remarks: dict[str, str]) -> dict[str, Entry]:
-    """Map the column or the two columns of the time."""
     candidates = [column for column in table.columns.tolist() if recognised(column)[0] == "time"]
     dates = [c for c in candidates if re.search(r"date|day", c, re.I) and not _has_clock(table[c])]
     clocks = [c for c in candidates if c not in dates]

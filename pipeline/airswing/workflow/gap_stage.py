@@ -52,9 +52,6 @@ from airswing.units import KNOT
 from airswing.workflow.job import Job
 from airswing.workflow.months import catalogues, make_headings
 
-# Folder of the collocation of a simulation on other paths during its diagnosis.
-_SIMULATION_FOLDER = ".simulation"
-
 
 def simulation(job: Job, effects: Path | None, output: Path, *, seed: int = 0) -> Path:
     """Simulate the archive's reports, with the effects of a file, and write a CSV or Parquet."""
@@ -258,7 +255,7 @@ def _from_simulation(
     )
     if matched.same_paths:
         return Start(with_simulated_wind(frame, matched), simulation=entry)
-    output = job.output / _SIMULATION_FOLDER
+    output = job.output / ".simulation"  # its collocation, during the diagnosis
     config = simulation.model_copy(update={"output": output})
     try:
         with naming_configuration(simulated):

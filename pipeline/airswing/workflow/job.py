@@ -205,11 +205,10 @@ def _at_address(address: str, progress: Progress) -> Iterator[None]:
 
 def require_same_code(client: Client) -> None:
     """Raise InputError for workers with another version of airswing."""
-    answers = client.run(code_digest, on_error="return")
     # ignore a worker that was lost meanwhile (OSError)
     outdated = sorted(
         worker
-        for worker, digest in answers.items()
+        for worker, digest in client.run(code_digest, on_error="return").items()
         if digest != code_digest() and not isinstance(digest, OSError)
     )
     if outdated:

@@ -65,10 +65,9 @@ def make_headings(job: Job) -> xr.Dataset:
     asked = config.model_dump(
         include={"reports", "references", "collocation"}, exclude=without_files
     )
-    screening = config.model_dump(include={"screening", "field_test"})
     settings = {
         "collocation": fingerprint(asked, code_digest()),
-        "screening": fingerprint(screening),
+        "screening": fingerprint(config.model_dump(include={"screening", "field_test"})),
     }
     months = [_Month(job, name, archive, models, settings) for name in archive.months]
     if models and not any(month.previous.get("product") for month in months):
@@ -204,8 +203,7 @@ def _days_of(frame: pd.DataFrame) -> list[list[int]]:
     """Day, number of reports and hash of their rows, for each day of a table."""
     day = frame["time"].to_numpy().astype("M8[D]").astype(np.int64)
     marks = pd.util.hash_pandas_object(frame, index=False).astype(np.int64)
-    by_day = marks.groupby(day).agg(["size", "sum"]).reset_index()
-    return list(by_day.to_numpy().tolist())
+    return list(marks.groupby(day).agg(["size", "sum"]).reset_index().to_numpy().tolist())
 
 
 def _month_bounds(month: str) -> tuple[np.datetime64, np.datetime64]:
@@ -246,11 +244,9 @@ def catalogues(job: Job) -> dict[str, Catalogue]:
 
 
 def _files_between(model: Catalogue, start: np.datetime64, stop: np.datetime64) -> list[str]:
-    """Identities of the files with valid times from one time to another."""
     first, last = (int(when.astype("M8[ns]").astype(np.int64)) for when in (start, stop))
     time = np.repeat(model.valid, np.diff(model.bounds))
-    inside = (time >= first) & (time <= last)
-    numbers = np.unique(model.rows["file"][:2, inside]).tolist()
+    numbers = np.unique(model.rows["file"][:2, (time >= first) & (time <= last)]).tolist()
     return sorted("|".join(map(str, model.files[number])) for number in numbers)
 
 
@@ -299,8 +295,7 @@ class _Month:
             with open_product(self.path) as product:
                 return bool(product.attrs["uuid"] == before["product"])
         except InputError:
-            text = f"{self.path.name}: not a product that can be read, made again"
-            self.job.progress.say(text)
+            self.job.progress.say(f"{self.path.name}: not a product that can be read, made again")
             return False
 
     def make(self) -> None:
@@ -355,8 +350,7 @@ class _Month:
         winds, audits = self._winds(reports)
         if reports.sizes["report"] > BLOCK_REPORTS:
             # in chunks of whole aircraft, so that the intermediate arrays of few are in memory
-            chunked = reports.chunk(report=BLOCK_REPORTS)
-            reports = chunked.assign(row_size=reports["row_size"])
+            reports = reports.chunk(report=BLOCK_REPORTS).assign(row_size=reports["row_size"])
         headings = as_stored(derive_headings(reports, winds))
         headings.attrs = {
             "featureType": "trajectory",

@@ -335,8 +335,7 @@ def make_field_test(job: Job, headings: xr.Dataset | None = None) -> Content:
         screened = job.opened(headings, HEADINGS)
         observed = field_test(screened, **job.pooling, **test.model_dump())
         options = {**job.pooling, **config.fit.model_dump(), "corrected": test.corrected}
-        expected = predicted_reduction(screened, start=test.start, **options)
-        result = Findings(observed | expected)
+        result = Findings(observed | predicted_reduction(screened, start=test.start, **options))
         write_json(job.output / "field_test.json", result)
         low, high = result["adjusted_reduction_ci_kt"]
         stage.note = (
@@ -399,8 +398,7 @@ def make_monitoring(
         number = len(monitoring.new_events)
         monitoring = replace(monitoring, unsaid=number)
         write_events(monitoring, path)
-        page = job.output / "report" / "monitoring.html"
-        write_monitoring_page(page, monitoring)
+        write_monitoring_page(job.output / "report" / "monitoring.html", monitoring)
         stage.note = f"{number:,} new event{'s' * (number != 1)}"
     return monitoring
 

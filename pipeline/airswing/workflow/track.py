@@ -26,7 +26,6 @@ from airswing.reports.formats import damage_named, opened
 from airswing.reports.formats.tabular import header_of
 from airswing.units import KNOT
 
-_SHORT = {"lat": "latitude", "lon": "longitude"}
 _PLACE = ("time", "latitude", "longitude", "pressure")
 TABLES = (".csv", ".parquet")
 _ADDED = (
@@ -184,7 +183,7 @@ def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
     places: dict[str, NDArray[Any]] = {}
     for name in map(str, table.columns):
         meant = columns.get(name, name).strip()
-        meant = _SHORT.get(meant.lower(), meant)
+        meant = {"lat": "latitude", "lon": "longitude"}.get(meant.lower(), meant)
         if meant.lower() == "time":
             places["time"], blank = parse_times(table[name])
             unreadable = np.isnat(places["time"]) & ~blank
@@ -194,8 +193,7 @@ def _places(table: pd.DataFrame, columns: Mapping[str, str]) -> xr.Dataset:
                 raise InputError("a time cannot be read", field=name, found=first, remedy=remedy)
         elif (column := split_name(meant)) and column[0].variable in (*_PLACE, "pressure_altitude"):
             quantity, unit = column
-            scale = conversion(unit, quantity.si_unit)
-            places[quantity.variable] = numbers(table[name], *scale)
+            places[quantity.variable] = numbers(table[name], *conversion(unit, quantity.si_unit))
     if "pressure_altitude" in places:
         from_altitude = pressure_from_altitude(places["pressure_altitude"])
         pressure = places.get("pressure", from_altitude)

@@ -125,15 +125,11 @@ def _strings(variable: Variable) -> list[str]:
 
 
 def _letters(variable: Variable) -> NDArray[np.str_]:
-    """Bytes of ASCII codes (int8, int, S1 or str) as one-character strings.
-
-    Blank where the byte is no printable character; numbers over 127 in decimal.
-    """
+    """Bytes of ASCII codes (int8, int, S1 or str) as text; numbers over 127 in decimal."""
 
     def letter(value: bytes | str | float) -> str:
         if isinstance(value, bytes | str):
-            text = value if isinstance(value, str) else value.decode("ascii", "replace")
-            return text.strip()
+            return (value if isinstance(value, str) else value.decode("ascii", "replace")).strip()
         return chr(int(value)).strip() if 32 <= value < 127 else f"{value:.0f}" * (value > 127)
 
     index, labels = pd.factorize(np.asarray(variable[:]).reshape(-1))
@@ -164,7 +160,6 @@ def _madis(file: netCDF4.Dataset, audit: Audit) -> pd.DataFrame:
         raise InputError("holds no reports")
 
     def column(name: str) -> Variable:
-        """The variable, after a check that it has one value a report."""
         dimensions, shape = there[name].dimensions, there[name].shape
         if dimensions[:1] != (_DIMENSION,) or math.prod(shape) != size:
             dimensions_text = f"dimensions ({', '.join(dimensions)}), shape {shape}"

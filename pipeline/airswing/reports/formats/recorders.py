@@ -239,8 +239,7 @@ def _read_messages(path: Path, mapping: Mapped, audit: Audit) -> Iterator[pd.Dat
             field=", ".join(sorted(_MESSAGE_NEEDED - set(table.columns))),
             found=", ".join(map(str, table.columns))[:300],
         )
-    names = [str(name) for name in table.columns]
-    matched = sources(names, mapping)
+    matched = sources([str(name) for name in table.columns], mapping)
     yield merge_messages(to_raw(table, matched, audit), audit)
 
 

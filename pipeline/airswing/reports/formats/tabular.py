@@ -35,6 +35,7 @@ from airswing.reports.columns import (
     Source,
     decode_flags,
     layout_of,
+    numbers,
     parse_times,
     possible,
     seconds_since_1970,
@@ -244,8 +245,7 @@ def to_raw(table: pd.DataFrame, columns: Mapped, audit: Audit) -> pd.DataFrame:
             values = pd.to_numeric(column, errors="coerce")
             bad = (values.isna() & column.notna()).to_numpy(dtype=bool)
             audit.repair(f"{variable}_unparsable", int(bad.sum()))
-            values_si = values.to_numpy(dtype=np.float64, na_value=np.nan)
-            raw[variable] = values_si * source.factor + source.offset
+            raw[variable] = numbers(values, source.factor, source.offset)
         if bad.any():
             audit.example(variable, column.iloc[int(np.argmax(bad))])
     return pd.DataFrame(raw)
