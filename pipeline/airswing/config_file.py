@@ -215,8 +215,7 @@ class _Loader(yaml.SafeLoader):
             value = super().construct_object(node, deep=deep)
         except (ValueError, ArithmeticError, TypeError, AttributeError, LookupError) as err:
             written = shortened(getattr(node, "value", ""), 80)
-            text = f"{written!r} is not a valid {node.tag.rpartition(':')[2]}"
-            raise _fault(text, node) from err
+            raise _fault(f"{written!r} is not a valid {node.tag.rpartition(':')[2]}", node) from err
         # lone surrogates cannot be encoded
         if isinstance(value, str) and re.search("[\0\ud800-\udfff]", value):
             raise _fault("text that cannot be used", node)

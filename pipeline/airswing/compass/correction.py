@@ -234,13 +234,12 @@ def write_tables_csv(fits: xr.Dataset, path: str | Path) -> Path:
     usable = xr.DataArray(published(fits["status"]), dims=fits["status"].dims)
     covariance = fits["deviation_covariance"].transpose(*dims, ...).to_numpy()
     by_node = curve_standard_error(covariance[:, :, np.newaxis], NODES[np.newaxis, np.newaxis])
-    error = xr.DataArray(by_node, dims=(*dims, "node"))
     rows = xr.Dataset(
         {
             "status": fits["status"],
             "heading_deg": ("node", [f"{node:g}" for node in NODES]),
             "table_correction_deg": fits["table_correction"].where(usable) + 0.0,
-            "standard_error_deg": error.where(usable),
+            "standard_error_deg": xr.DataArray(by_node, dims=(*dims, "node")).where(usable),
             "sign": str(fits.attrs.get("table_sign", "subtract_error")),
         }
     )
@@ -322,8 +321,7 @@ def coding_variance(speed: ArrayLike, speed_step: ArrayLike, direction_step: Arr
     m2/s2: a uniform error has a twelfth of its step squared; twice, for two reports. ``speed`` and
     ``speed_step`` in m/s, ``direction_step`` in radians; steps are 0 where unknown.
     """
-    arc = np.multiply(speed, direction_step)
-    return np.asarray((np.square(speed_step) + np.square(arc)) / 6.0)
+    return np.asarray((np.square(speed_step) + np.square(np.multiply(speed, direction_step))) / 6.0)
 
 
 def correct(

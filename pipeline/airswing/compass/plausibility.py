@@ -268,8 +268,7 @@ def _samples(block: xr.Dataset, members: list[int]) -> Iterable[tuple[str, Sampl
         columns[name] = columns.pop(east) + 1j * columns.pop(north)
     columns["chord"] = _chord(columns)
     tails = np.atleast_1d(block["aircraft"].to_numpy())
-    bounds = row_bounds(block["row_size"].to_numpy())
-    for tail, start, stop in zip(tails, *bounds, strict=True):
+    for tail, start, stop in zip(tails, *row_bounds(block["row_size"].to_numpy()), strict=True):
         step = max(1, (stop - start) // MOST)
         yield str(tail), {name: values[start:stop:step] for name, values in columns.items()}
 
@@ -572,8 +571,7 @@ def _wind_directions(wind: Complex, reference: Complex, ground: Complex) -> list
 def _slope(y: Array, x: Array, flight: Array) -> tuple[float, float]:
     """Slope of the regression of y on x without a constant, and its error by flight."""
     slope = float(y @ x / (x @ x))
-    number = np.unique(flight, return_inverse=True)[1]
-    influence = np.bincount(number, weights=(y - slope * x) * x)
+    influence = np.bincount(np.unique(flight, return_inverse=True)[1], weights=(y - slope * x) * x)
     return slope, float(np.linalg.norm(influence) / (x @ x))
 
 

@@ -113,8 +113,7 @@ def map_aircraft(
             }
             arguments.append(delayed(_dataset)(variables, list(dataset.coords), dataset.attrs))
         sizes = {name: batch.sizes[name] for name in ("report", "aircraft")}
-        task = delayed(function)(*arguments, **kwargs)
-        blocks.append(lazy_dataset(task, template, sizes, batch))
+        blocks.append(lazy_dataset(delayed(function)(*arguments, **kwargs), template, sizes, batch))
     merged: dict[Hashable, xr.Variable] = {}
     for name, variable in blocks[0].variables.items():
         dim = next((dim for dim in ("report", "aircraft") if dim in variable.dims), None)

@@ -152,8 +152,7 @@ def compare(
     for pair, sums in pair_sums.items():
         pair_fits = fits.sel(reference=list(pair))
         entries = [_aircraft_entry(*numbers, pair_fits) for numbers in sums.aircraft]
-        judged = _judged(sums, barred)
-        by_pair.append({**judged, "aircraft": entries, "own_test": pair in tested})
+        by_pair.append({**_judged(sums, barred), "aircraft": entries, "own_test": pair in tested})
     by_slice = {
         kind: [
             {"slice": name, **_judged(sums, barred), "own_test": True}

@@ -179,8 +179,7 @@ def field_test(
     sums = {key: np.zeros((2, names.size, days.size)) for key in pools}
     for chunk in chunks(headings, pools, ["screening", *flags]):
         used = (member[chunk.aircraft] >= 0) & (chunk.day >= begin) & (chunk.day < stop)
-        screening = chunk.block["screening"].to_numpy()
-        used &= (screening & sum(SCREENING[name] for name in _NEVER)) == 0
+        used &= (chunk.block["screening"].to_numpy() & sum(SCREENING[name] for name in _NEVER)) == 0
         for name, (codes, policy) in flags.items():
             used &= ~rejected(chunk.block, name, codes, policy, "field_test").to_numpy()
         aircraft, day, wind = chunk.aircraft[used], chunk.day[used], chunk.wind[:, used]

@@ -329,9 +329,8 @@ def virtual_field_test(
         headings, learned_until, pools=pools, reference=reference, seed=seed, **options
     )
     fit = add_tables(fits, before, resolution=resolution).sel(reference=reference).compute()
-    table = error_from_table(fit).to_numpy()[np.newaxis]
     origin, correctable, (number, before, after) = _sum_by_day(
-        headings, pools[reference], fit, table
+        headings, pools[reference], fit, error_from_table(fit).to_numpy()[np.newaxis]
     )
     until = np.datetime64(learned_until, "D").astype(np.int64)
     late = origin + np.arange(number.shape[1]) >= until

@@ -156,8 +156,7 @@ def write_records(request: Request, selected: Selected, form: Format) -> dict[st
     with contextlib.ExitStack() as together:
         for target, start, end in zip(targets, starts, [*starts[1:], first.size], strict=True):
             numbers = _by_platform(code[start:end])
-            temporary = together.enter_context(atomic(target, "export"))
-            with temporary.open("wb") as stream:
+            with together.enter_context(atomic(target, "export")).open("wb") as stream:
                 stream.write(form.header(numbers).encode("ascii"))
                 for low in range(start, end, REPORTS_AT_ONCE):
                     high = min(low + REPORTS_AT_ONCE, end)

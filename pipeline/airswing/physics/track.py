@@ -221,8 +221,7 @@ def _variances(before: Array, after: Array, density: float) -> tuple[Array, Arra
 def _local_speed(fixes: _Fixes) -> Array:
     """Path over elapsed time in the widest window, for the variance; NaN where unknown."""
     reach = ARMS[-1]
-    size = fixes.seconds.size
-    index = np.arange(size)
+    index = np.arange(fixes.seconds.size)
     first = np.searchsorted(fixes.segment, fixes.segment, side="left")
     last = np.searchsorted(fixes.segment, fixes.segment, side="right") - 1
     start, stop = np.maximum(index - reach, first), np.minimum(index + reach, last)

@@ -133,8 +133,7 @@ def near_turns(
 
 def _near_turn(legs: _Legs) -> Mask:
     """Reports next to a bend of the path or banked, and the first and last of every flight."""
-    size = legs.seconds.size
-    bend = np.zeros(size, bool)
+    bend = np.zeros(legs.seconds.size, bool)
     error = 3.0 * np.hypot(legs.error[1:], legs.error[:-1]) + LEAST_TURN
     change = np.abs(wrap_signed(np.diff(legs.direction)))
     bend[1:] = np.nan_to_num(change) > np.nan_to_num(error, nan=np.inf)

@@ -185,9 +185,8 @@ def collocate(
         parts = [da.from_delayed(join[item][number], shape, dtype) for join in joins]
         return da.stack(parts)  # type: ignore[no-any-return]
 
-    size = reports["time"].shape
     data: dict[str, object] = {
-        name: (("reference", "report"), rows(0, number, "f8", size))
+        name: (("reference", "report"), rows(0, number, "f8", reports["time"].shape))
         for number, name in enumerate([*_WINDS, *(DERIVATIVES if derivatives else ())])
     }
     for number, name in enumerate(ACCOUNT if account else ACCOUNT[:1]):
@@ -283,8 +282,7 @@ def sample_model_times(
     finally:
         reader.close()
     unread = len(reader.problems) * len(work)  # each model time lacks it
-    account = np.array([unread, reader.decoded])
-    return Batch(tables, tuple(reader.problems), account)
+    return Batch(tables, tuple(reader.problems), np.array([unread, reader.decoded]))
 
 
 def _join(

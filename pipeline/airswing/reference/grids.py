@@ -414,8 +414,7 @@ class PointsGrid(Grid):
 
     def convergence(self, latitude: ArrayLike, longitude: ArrayLike) -> Floats:
         """Angle (n,) in rad that turns grid components to true east and north."""
-        place = self.plane(as_floats(latitude), as_floats(longitude))
-        fi, fj = np.nan_to_num(place, posinf=0.0)
+        fi, fj = np.nan_to_num(self.plane(as_floats(latitude), as_floats(longitude)), posinf=0.0)
         i = np.clip(np.floor(fi), 0, self.ni - 2).astype(np.int64)
         j = np.clip(np.floor(fj), 0, self.nj - 2).astype(np.int64)
         s, t, z = fi - i, fj - j, self._directions

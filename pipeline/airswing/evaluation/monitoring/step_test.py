@@ -305,8 +305,7 @@ def _relative(
 def _marginal(weight: Floats, score: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     """Weight and score with the level's error included."""
     inside = np.eye(weight.shape[-1]) + weight @ covariance
-    columns = np.concatenate([weight, score[..., np.newaxis]], axis=-1)
-    solution = np.linalg.solve(inside, columns)
+    solution = np.linalg.solve(inside, np.concatenate([weight, score[..., np.newaxis]], axis=-1))
     return solution[..., :-1], solution[..., -1]
 
 

@@ -247,8 +247,7 @@ def _with_intervals(moments: xr.DataArray, suffix: str) -> dict[str, xr.DataArra
     bounds: dict[str, list[xr.DataArray]] = {name: [] for name in SCORES}
     # One variable at a time, so that the draws fit into memory.
     for variable in by_day["variable"].to_numpy():
-        drawn = _scores(xr.dot(weights, by_day.sel(variable=[variable])))
-        for name, values in drawn.items():
+        for name, values in _scores(xr.dot(weights, by_day.sel(variable=[variable]))).items():
             ends = values.quantile([0.025, 0.975], "draw", skipna=False)
             bounds[name].append(ends.rename(quantile="bound").drop_vars("bound"))
     return result | {
@@ -284,14 +283,13 @@ def station_distribution(scored: xr.Dataset, variable: str, method: str) -> dict
         return {}
     ratio = np.sqrt(np.maximum(1.0 - skill[finite], 0.0))
     low, high = selected["skill_by_station_interval"].to_numpy()[finite].T
-    names = selected["station"].to_numpy()[finite]
     return {
         "stations": int(finite.sum()),
         "rms_ratio_quantiles": np.quantile(ratio, [0.0, 0.1, 0.5, 0.9, 1.0]).tolist(),
         "better": float((ratio < 1.0).mean()),
         "surely_better": float((low > 0.0).mean()),
         "surely_worse": float((high < 0.0).mean()),
-        "worst_station": str(names[ratio.argmax()]),
+        "worst_station": str(selected["station"].to_numpy()[finite][ratio.argmax()]),
     }
 
 
@@ -348,5 +346,4 @@ def _filtered(errors: Floats, ratio: Floats) -> Floats:
 def running_mean(errors: Floats, days: int) -> Floats:
     """Mean of the errors (..., day) on the last days, including the day; NaN without any."""
     by_day = pd.DataFrame(errors.reshape(-1, errors.shape[-1]).T)
-    means = by_day.rolling(days, min_periods=1).mean().to_numpy().T
-    return np.asarray(means.reshape(errors.shape))
+    return np.asarray(by_day.rolling(days, min_periods=1).mean().to_numpy().T.reshape(errors.shape))

@@ -152,8 +152,7 @@ def _observations(file: Path, columns: Mapping[str, str], left_out: Counter[str]
             "wind_direction_deg, eastward_wind_m_s, northward_wind_m_s",
         )
     if {"wind_speed", "wind_direction"} <= set(table):
-        angle = np.radians(table["wind_direction"])
-        components = wind_components(table["wind_speed"], angle)
+        components = wind_components(table["wind_speed"], np.radians(table["wind_direction"]))
         table["eastward_wind"], table["northward_wind"] = components
     elif {"eastward_wind", "northward_wind"} <= set(table):
         table["wind_speed"] = np.hypot(table["eastward_wind"], table["northward_wind"])

@@ -93,8 +93,7 @@ def read_grid(edition: int, section: bytes) -> AxesGrid:
 
 def _message(eccodes: ModuleType, edition: int, section: bytes) -> bytes:
     """A message of ecCodes' samples with another grid section."""
-    name = "GRIB2" if edition == 2 else "regular_ll_pl_grib1"
-    handle = eccodes.codes_grib_new_from_samples(name)
+    handle = eccodes.codes_grib_new_from_samples("GRIB2" if edition == 2 else "regular_ll_pl_grib1")
     sample = bytes(eccodes.codes_get_message(handle))
     eccodes.codes_release(handle)
     if edition == 1:
@@ -191,8 +190,7 @@ class _Keys:
                 "(programs do not agree on its meaning)"
             )
         south = self.degrees("latitudeOfSouthernPole")
-        east = self.degrees("longitudeOfSouthernPole")
-        return rotated_frame(-south, east + 180.0), x, y
+        return rotated_frame(-south, self.degrees("longitudeOfSouthernPole") + 180.0), x, y
 
     def _projected(self, kind: str) -> tuple[Frame, Floats, Floats]:
         latitude = self.degrees("latitudeOfFirstGridPoint")

@@ -410,8 +410,7 @@ def _roles(
         if lead is not None and set(lead.dims) - set(named_time.dims):
             return None, named_time, lead
         valids, runs = [named_time], [coord for coord in runs if coord.name != naming.time]
-    valid = _valid_time_of(valids, name)
-    return valid, max(runs, key=lambda coord: coord.ndim, default=None), lead
+    return _valid_time_of(valids, name), max(runs, key=lambda coord: coord.ndim, default=None), lead
 
 
 def _valid_time_of(candidates: list[xr.DataArray], name: str) -> xr.DataArray | None:

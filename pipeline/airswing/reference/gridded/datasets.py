@@ -198,8 +198,7 @@ def _described(path: str) -> tuple[list[tuple[Any, ...]], Counter[tuple[str, str
 
 def _field(path: str, number: int, outer: tuple[int, ...]) -> NDArray[np.float64]:
     ds, _ = _variables(path, os.stat(path).st_mtime_ns)[0][number]
-    array = next(iter(ds.data_vars.values()))
-    return np.asarray(array[outer].values, dtype=np.float64)
+    return np.asarray(next(iter(ds.data_vars.values()))[outer].values, dtype=np.float64)
 
 
 @lru_cache(maxsize=4)

@@ -404,8 +404,7 @@ def _levels_of(ds: xr.Dataset, name: str, level: xr.DataArray | None, naming: Na
     except (TypeError, ValueError):
         values = np.arange(level.size, dtype=np.float64)
     if kind == "atmosphere_ln_pressure_coordinate":
-        reference = _term(ds, terms, "p0", "pressure")
-        return _isobaric(reference * np.exp(-values), key)
+        return _isobaric(_term(ds, terms, "p0", "pressure") * np.exp(-values), key)
     formula = _formula(ds, kind, terms, level)
     if formula is not None:
         numbers = np.arange(level.size, dtype=np.float64)

@@ -209,8 +209,7 @@ def _claims_section(gap: GapReport) -> html.Section:
             [getattr(entry, f"{name}_deg{ending}") for entry in rows]
             for ending in ("", "_standard_error", "_after")
         )
-        halves = NORMAL_95 * np.array(error)
-        columns[f"{name} (°)"] = list(map(interval_text, value, halves))
+        columns[f"{name} (°)"] = list(map(interval_text, value, NORMAL_95 * np.array(error)))
         columns[f"{name} afterwards"] = after
     answers = {True: "yes", False: "no", None: "not tested"}
     columns["within the interval"] = [answers[entry.stays] for entry in rows]
@@ -251,8 +250,7 @@ def _statistics_section(gap: GapReport, drawn: _Drawn) -> html.Section:
             row = {"": label, "without the effects": before, "with the effects": after}
             rows.append(row | {"if right": right})
     if drawn_at_random := gap.placebo:
-        ends = drawn_at_random.reduction_ci_kt
-        closes = amount(drawn_at_random.reduction_kt, ends, unit="kt")
+        closes = amount(drawn_at_random.reduction_kt, drawn_at_random.reduction_ci_kt, unit="kt")
         placebo = (
             f"Placebo: one cycle of the heading of other flights closes {closes} "
             f"({drawn_at_random.draws} draws)."

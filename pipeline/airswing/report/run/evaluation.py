@@ -240,7 +240,6 @@ def ranking_section(
 
 
 def _pair_name(pair: Content) -> str:
-    """Return ``ruc - rtfdaa`` for a pair, in the order of the difference."""
     return " - ".join(map(str, pair["references"]))
 
 

@@ -341,8 +341,7 @@ def swing_card(run: Run, aircraft: str) -> Figure:
         for x, label, cells in columns:
             axes.text(x, 0.93, label, color=SOFT, va="center", **look)
             # one text a column: each text takes a millisecond
-            spacing = 19.5 / len(cells)
-            axes.text(x, 0.85, "\n".join(cells), va="top", linespacing=spacing, **look)
+            axes.text(x, 0.85, "\n".join(cells), va="top", linespacing=19.5 / len(cells), **look)
     coefficients = ",  ".join(f"{k} = {v}" for k, v in selection.coefficient_texts(fit).items())
     deviation, sizes, largest = selection.formula(fit)
     words = [

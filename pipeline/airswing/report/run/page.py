@@ -159,8 +159,7 @@ def _facts(run: Run, total: BeforeAfter | None) -> list[tuple[str, str]]:
         facts.append((f"{np.median(constants):+.1f}°", words))
     if total is not None and total.number:
         before, after, reduction, half, *_ = total
-        gain = interval_text(reduction, half)
-        words = f"disagreement with {run.reference}; reduction {gain} kt"
+        words = f"disagreement with {run.reference}; reduction {interval_text(reduction, half)} kt"
         facts.append((f"{before:.1f} → {after:.1f} kt", words))
     reports = f"reports used of {run.headings.sizes['report']:,}"
     return [*facts, (f"{selection.kept_reports(run.headings):,}", reports)]

@@ -93,8 +93,7 @@ class Run:
         """Fitted eastward and northward bias of the reference (m/s), zero without one."""
         if "reference_bias" not in self.fits:
             return np.zeros(2)
-        bias = self.fits["reference_bias"].sel(reference=self.reference)
-        return np.asarray(np.nan_to_num(bias))
+        return np.asarray(np.nan_to_num(self.fits["reference_bias"].sel(reference=self.reference)))
 
     @property
     def bias_words(self) -> str:
