@@ -321,7 +321,8 @@ def coding_variance(speed: ArrayLike, speed_step: ArrayLike, direction_step: Arr
     m2/s2: a uniform error has a twelfth of its step squared; twice, for two reports. ``speed`` and
     ``speed_step`` in m/s, ``direction_step`` in radians; steps are 0 where unknown.
     """
-    return np.asarray((np.square(speed_step) + np.square(np.multiply(speed, direction_step))) / 6.0)
+    arc = np.multiply(speed, direction_step)
+    return np.asarray((np.square(speed_step) + np.square(arc)) / 6.0)
 
 
 def correct(
