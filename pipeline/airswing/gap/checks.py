@@ -135,7 +135,7 @@ def _assumptions(
         ),
         AssumptionEntry(
             "gross errors are few and do not influence the fit",
-            "reports that differ from both neighbours by five standard deviations",
+            "reports that differ from their neighbours by five standard deviations",
             f"{100 * gross:.2f} % set aside",
             gross < 0.02,
         ),

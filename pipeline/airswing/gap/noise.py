@@ -366,27 +366,26 @@ def _maximise(
 
 
 def gross_errors(residual: Floats, order: FlightOrder) -> Booleans:
-    """Mark single reports that differ from both neighbours of their flight, (n,).
+    """Mark reports that differ from their neighbours in the flight, (n,).
 
     A report is marked when it differs by more than five robust standard deviations from the median
-    of itself and its two neighbours (at the ends of a flight, the two nearest reports).
+    of the five nearest reports of its flight, itself among them, of which two may be wrong; of
+    three in a flight of three or four.
     """
-    n = residual.shape[0]
-    before, after = np.full((2, n), -1, np.int64)
-    for previous, now in neighbour_pairs(order):
-        before[now], after[previous] = previous, now
-    first = np.where(before >= 0, before, after[np.maximum(after, 0)])
-    second = np.where(after >= 0, after, before[np.maximum(before, 0)])
-    valid = (first >= 0) & (second >= 0) & (first != second)
-    departure = np.zeros((n, 2))
-    stack = np.stack([residual, residual[first], residual[second]])
-    departure[valid] = (residual - np.median(stack, axis=0))[valid]
+    position = np.repeat(np.arange(order.starts.size - 1), np.diff(order.starts))
+    flight = np.arange(position.size) - order.starts[position]
+    length = np.bincount(flight)[flight]
+    departure = np.zeros_like(residual)
+    for width, used in ((3, (length >= 3) & (length < 5)), (5, length >= 5)):
+        first = np.clip(position - width // 2, 0, length - width)[used, None]
+        nearest = order.index[order.starts[first + np.arange(width)] + flight[used, None]]
+        rows = order.index[used]
+        departure[rows] = residual[rows] - np.median(residual[nearest], axis=1)
     # reports that are the median themselves have departure 0 and do not enter the spread
-    sizes = np.abs(departure[valid])
-    sizes = sizes[sizes > 0]
+    sizes = np.abs(departure[departure != 0.0])
     # half of the values of a normal distribution are within 0.6745 standard deviations
     spread = np.median(sizes) / 0.6745 if sizes.size else 1.0
-    return np.asarray((np.abs(departure) > 5.0 * spread).any(axis=1) & valid)
+    return np.asarray((np.abs(departure) > 5.0 * spread).any(axis=1))
 
 
 def remove_smooth_effects(residual: Floats, frame: Frame) -> Floats:

@@ -1,4 +1,4 @@
-"""Gross errors: single reports that differ from both neighbours, more often than by chance.
+"""Gross errors: reports that differ from their neighbours, more often than by chance.
 
 The share by chance is that of a simulated archive of the same paths, noise and coding. At
 least 100 reports an aircraft. Units: m/s; shares of reports.
