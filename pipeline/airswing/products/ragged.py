@@ -157,15 +157,17 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
     # Values by aircraft are those of its last month.
     archive = _by_aircraft(months).drop_duplicates("aircraft", keep="last").sortby("aircraft")
     archive = archive.assign_coords(aircraft=archive["aircraft"].astype(str).astype(object))
-    archive["row_size"] = "aircraft", counts.sum(axis=0).astype(np.int32), first["row_size"].attrs
+    total = counts.sum(axis=0).astype(np.int32)
+    fields: dict[str, Any] = {"row_size": ("aircraft", total, first["row_size"].attrs)}
     for name, variable in first.data_vars.items():
         if "report" in variable.dims:
             variables = [month.variables[name] for month in months]
             earlier = np.cumsum([0, *flights[:-1]]) if name == "flight" else np.zeros(len(months))
             token = f"months-{attributes['uuid']}-{name}"
             lazy = _reports_by_aircraft(variables, counts, earlier.astype(np.int64), token)
-            archive[name] = variable.dims, lazy, variable.attrs
-    return archive[list(first.data_vars)].assign_attrs(attributes)
+            fields[name] = variable.dims, lazy, variable.attrs
+    # All at once: each assignment copies every variable.
+    return archive.assign(fields)[list(first.data_vars)].assign_attrs(attributes)
 
 
 def _reports_by_aircraft(
