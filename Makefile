@@ -14,10 +14,9 @@ test: $(VENV)/test.done style
 	$(MAKE) -j2 types checks
 
 checks: $(VENV)/test.done
-	$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile --no-loadscope-reorder \
-		--nbmake --nbmake-timeout=300 tests notebooks
+	$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile --no-loadscope-reorder tests
 
-# Everything, with the statistics and fuzzing that take minutes.
+# Everything, with the statistics and fuzzing that take minutes, and the notebooks in new kernels.
 test-all: $(VENV)/test.done style
 	$(MAKE) types
 	$(BIN)/python -m pytest -n 2 --dist loadfile --nbmake --nbmake-timeout=300 tests notebooks
