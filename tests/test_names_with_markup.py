@@ -24,7 +24,8 @@ def files_below(folder):
 def test_pages_escape_names_and_nothing_is_written_outside_the_output_and_the_cache(tmp_path):
     top = tmp_path
     data, work, home = top / "data", top / "here", top / "home"
-    write_archive(data, days=1, aircraft=2, seed=1)
+    coarse = {"columns": 24, "rows": 20, "spacing_km": 75.0, "references": ("ruc",)}
+    write_archive(data, days=1, aircraft=2, seed=1, **coarse)
     for folder in (work, home):
         folder.mkdir()
     for path in (data / "reports").glob("*.csv"):

@@ -357,7 +357,8 @@ def _of_a_run(folder):
     from airswing.workflow.progress import Progress
     from airswing.workflow.stages import make_observation_errors
 
-    config = write_archive(folder, days=1, aircraft=2, seed=1)
+    coarse = {"columns": 24, "rows": 20, "spacing_km": 75.0, "interval_hours": 2}
+    config = write_archive(folder, days=1, aircraft=2, seed=1, **coarse)
     content = yaml.safe_load(config.read_text())
     content["screening"] = {"phases": ["ascent", "cruise", "descent"], "max_turn": "10 deg"}
     content["fit"] = {"min_reports": 20, "harmonics": 1}
