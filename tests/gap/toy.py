@@ -1,10 +1,12 @@
 """Frames of small simulated archives; the generator shares no code with the effects."""
 
 import numpy as np
+import pytest
 
 from airswing.gap.archive.frame import AIRCRAFT_FIELDS, Frame
-from airswing.synthetic.archive import Scenario, simulate
+from airswing.synthetic import archive
 from airswing.synthetic.fields import sample_reference
+from airswing.synthetic.flights import fly
 from airswing.synthetic.observe import Coding
 
 START = np.datetime64("2009-03-01")
@@ -26,11 +28,24 @@ def effect(name, aircraft=None, day=None, **values):
     return {"name": name, "tails": tails, "parameters": values, "period": period}
 
 
+FLOWN = {}
+
+
+def flown(table, wind, *, seed):
+    """Flights, which no effect changes: half of the time of an archive."""
+    key = seed, table.departure.tobytes()
+    if key not in FLOWN:
+        FLOWN[key] = fly(table, wind, seed=seed)
+    return FLOWN[key]
+
+
 def make_frame(*, seed=0, aircraft=8, days=20, effects=(), noise=1.0):
     """Build an archive with `effects` and with noise of the reported winds, m/s."""
     size = {"aircraft": aircraft, "days": days} | SMALL
-    scenario = Scenario(seed=seed, effects=effects, coding=EXACT, **size)
-    table, references, _ = simulate(scenario)
+    scenario = archive.Scenario(seed=seed, effects=effects, coding=EXACT, **size)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(archive, "fly", flown)
+        table, references, _ = archive.simulate(scenario)
     place = [table[name].to_numpy() for name in ("latitude", "longitude", "pressure")]
     place[2] = place[2] / 100.0
     for name, later in (("before", -1.0), ("ref", 0.0), ("after", 1.0)):
