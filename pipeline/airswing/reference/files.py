@@ -24,7 +24,6 @@ from typing import IO, Any, NamedTuple, TypedDict
 from airswing.errors import InputError
 from airswing.products.foreign_files import foreign_file
 from airswing.products.whole_files import ZARR_MARKS
-from airswing.reports.read import expand
 
 NOT_OPENED, REPLACED = "cannot be opened", "replaced since it was catalogued"
 _KEPT_COPIES = 8
@@ -126,6 +125,8 @@ def find_files(files: str | os.PathLike[str] | Sequence[str], name: str) -> list
     paths = {path for pattern in patterns if is_url(pattern) for path in _urls(pattern)}
     local = [pattern for pattern in patterns if not is_url(pattern)]
     if local or not paths:
+        from airswing.reports.read import expand  # here: pandas would slow the start of decoders
+
         field = f"references.{name}.files"
         names = expand(local, field, lambda path: os.path.isfile(path) or _is_zarr(path))
         paths.update(map(os.path.abspath, names))

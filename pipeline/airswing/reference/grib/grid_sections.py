@@ -15,7 +15,6 @@ from functools import lru_cache
 from types import ModuleType
 
 import numpy as np
-from scipy.special import roots_legendre
 
 from airswing.physics.triangle import wrap_degrees
 from airswing.reference.grids import (
@@ -172,6 +171,8 @@ class _Keys:
             stated = stated[0], math.nan
         x, y = _axes((self.ni, self.nj), (self.si, self.sj), first, last, unit, stated)
         if kind.endswith("gg"):
+            from scipy.special import roots_legendre
+
             # the list of latitudes of ecCodes ends the process at some damaged sections
             count = 2 * self.integer("N")
             if not 2 <= count <= 10_000:
