@@ -393,7 +393,7 @@ def test_a_sawtooth_is_one_statement_and_closed():
     ("name", "day", "values", "variables"),
     [
         ("tas_offset", None, {"offset_m_s": 1.5}, ["magnetic_heading"]),
-        ("compass_step", 9, {"offset_deg": 0.8}, ["date"]),
+        pytest.param("compass_step", 9, {"offset_deg": 0.8}, ["date"], marks=pytest.mark.slow),
     ],
 )
 def test_a_simple_error_outside_the_catalogue_is_not_named_by_a_richer_effect(
