@@ -12,6 +12,7 @@ from tests.conftest import EFFECTS
 
 from airswing.errors import InputError
 from airswing.gap.archive.frame import Frame
+from airswing.gap.effects import CATALOGUE
 from airswing.gap.result.schema import GapReport
 from airswing.gap.simulation.effects_file import active_effects, read_effects
 from airswing.products.netcdf import read_product
@@ -24,8 +25,11 @@ IRON, SCALE = EFFECTS
 
 
 @pytest.fixture
-def archive(gap_archive, names_only):
-    """Two effects at the strength they are drawn with: what names them, and not what has none."""
+def archive(gap_archive, names_only, monkeypatch):
+    """Two effects at the strength they are drawn with, and the names that compete with theirs."""
+    rivals = {"compass_offset", "compass_step", "hard_iron", "soft_iron", "tas_offset", "tas_scale"}
+    for name in CATALOGUE.keys() - rivals:
+        monkeypatch.delitem(CATALOGUE, name)
     return gap_archive
 
 
