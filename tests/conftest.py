@@ -21,18 +21,9 @@ settings.register_profile("ci", max_examples=60, deadline=None, derandomize=True
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
-LONGEST = (
-    *("gap/test_diagnose", "test_notebooks", "workflow/test_months", "report/test_page"),
-    *("workflow/test_gap_stage", "test_workflow", "test_cli", "workflow/test_resources"),
-    *("blind_check/test_check", "test_end_to_end", "test_names_with_markup"),
-)
-"""Files whose tests take longest; they begin first, so that no worker waits for them at the end."""
-
-
 def pytest_collection_modifyitems(items):
-    """Put the longest files first; a worker takes whole files, for the sake of their fixtures."""
-    places = {ROOT / f"tests/{name}.py": number for number, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: places.get(item.path, len(LONGEST)))
+    """From the last file to the first: those that take longest begin early."""
+    items.sort(key=lambda item: item.path, reverse=True)
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -1,22 +1,27 @@
-"""The public functions: found by name, documented, and their examples give what they state.
+"""The public functions: found by name, documented; their examples and the notebooks run.
 
 The examples of the docstrings use the products of the quickstart: ``reports``, ``headings``,
 ``fits`` and ``corrected``, and an output folder ``folder``.
 """
 
+import ast
 import doctest
 import inspect
+import json
 import re
 import shutil
 import subprocess
 import sys
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from IPython.core.formatters import DisplayFormatter
 
 import airswing
+from tests.conftest import ROOT
 
 SLOW = {"run", "diagnose"}
 NAMES = [
@@ -81,3 +86,18 @@ def test_help_imports_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.stdout.strip() == "[]", done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob("notebooks/*.ipynb")), ids=lambda path: path.stem)
+def test_every_cell_of_a_notebook_runs_and_is_shown(path, monkeypatch, blank_cards, names_only):
+    """In this process; ``make test-all`` and ``make docs`` run each in a kernel, with all pages."""
+    monkeypatch.setattr("airswing.report.run.page.write_page", lambda *_, **__: "")
+    monkeypatch.setattr(sys, "displayhook", DisplayFormatter().format)
+    names = {}
+    for cell in json.loads(path.read_text())["cells"]:
+        if cell["cell_type"] == "code":
+            statements = ast.Interactive(ast.parse("".join(cell["source"])).body)
+            exec(compile(statements, path.name, "single"), names)
+    for number in plt.get_fignums():
+        plt.figure(number).canvas.draw()
+    plt.close("all")
