@@ -27,6 +27,7 @@ from airswing.errors import InputError
 from airswing.flags import CORRECTION, STATUS
 from airswing.synthetic.archive import simulate_arrays
 from tests.compass.flown import Setting, fleet_deviations, fly, wrap
+from tests.gap.toy import effect
 from tests.ragged import ragged
 
 EVEN = np.ones((1, 360), dtype=int)
@@ -256,14 +257,8 @@ def test_coding_of_two_reports():
 def test_corrected_winds_are_within_their_errors_of_those_of_perfect_compasses():
     """Six compasses with errors of 5 to 7 degrees, in level flight and in turns."""
     rng = np.random.default_rng(5)
-    effects = [
-        {
-            "name": "hard_iron",
-            "tails": [f"N{401 + k}"],
-            "parameters": {"amplitude_deg": rng.uniform(5, 7), "phase_deg": rng.uniform(0, 360)},
-        }
-        for k in range(6)
-    ]
+    drawn = ({"amplitude_deg": a, "phase_deg": p} for a, p in rng.uniform((5, 0), (7, 360), (6, 2)))
+    effects = [effect("hard_iron", [k], **values) for k, values in enumerate(drawn)]
     size = {"days": 16, "aircraft": 6}
     _, done, wrong = archive.archive(11, **size, effects=effects)
     right = simulate_arrays(**size, seed=11, effects=[]).set_index(["tail", "time"])

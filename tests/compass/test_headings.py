@@ -74,14 +74,8 @@ def flown(*, flights=16, fixes=9, aircraft=2, airspeed_scale=1.0, position=0.0, 
         "phase": np.full(lat.size, 2, dtype=np.int8),
         "flight": np.repeat(np.arange(total, dtype=np.int32), fixes),
     }
-    truth = {
-        "heading": heading,
-        "error": true_error,
-        "unit_heading": unit_heading,
-        "unit_airspeed": unit_airspeed,
-        "track": np.degrees(track),
-        "airspeed": airspeed,
-    }
+    truth = {"heading": heading, "error": true_error, "track": np.degrees(track)}
+    truth |= {"unit_heading": unit_heading, "unit_airspeed": unit_airspeed, "airspeed": airspeed}
     sizes = np.full(aircraft, flights * fixes, dtype=np.int32)
     names = [f"N{number:03d}" for number in range(aircraft)]
     return ragged(columns, sizes, names, reading_audit="{}", truth=truth).assign(

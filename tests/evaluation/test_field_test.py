@@ -71,15 +71,9 @@ def simulate_fleet(seed, *, corrected=19, controls=17, days=(60, 60), flights=3,
 
 
 def run(fleet, headings=None, **options):
-    asked = {
-        "start": START,
-        "before_start": date(2009, 7, 20),
-        "corrected": fleet.corrected,
-        "controls": fleet.controls,
-        "pools": {"rr": ["rr"]},
-        "reference": "rr",
-        "draws": 400,
-    }
+    asked = {"start": START, "before_start": date(2009, 7, 20), "draws": 400}
+    asked |= {"corrected": fleet.corrected, "controls": fleet.controls}
+    asked |= {"pools": {"rr": ["rr"]}, "reference": "rr"}
     return field_test(fleet.headings if headings is None else headings, **(asked | options))
 
 

@@ -151,15 +151,9 @@ def test_an_airspeed_factor_is_removed_exactly():
 
 
 def test_fits_and_field_test_without_the_bias_of_a_reference_are_those_of_an_unbiased_one():
-    test = {
-        "start": date(2008, 7, 16),
-        "before_start": date(2008, 7, 1),
-        "corrected": ["N000"],
-        "controls": ["N001"],
-        "roll": "ignore",
-        "temperature_qc": "ignore",
-        "draws": 50,
-    }
+    test = {"start": date(2008, 7, 16), "before_start": date(2008, 7, 1), "draws": 50}
+    test |= {"corrected": ["N000"], "controls": ["N001"]}
+    test |= {"roll": "ignore", "temperature_qc": "ignore"}
     fit = {"shared_error": False, "min_reports": 100, "harmonics": 1, "joint": False}
     options = {"pools": {"ruc": ["ruc"]}, "reference": "ruc", "fit": fit}
     off = adjustment("reference_speed_bias", reference=[-6.0, 0.0])

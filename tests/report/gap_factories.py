@@ -72,15 +72,8 @@ def counts(days=45, aircraft=14):
 def content(*effects, **changes):
     """Return a diagnosis."""
     places = changes.pop("places", [])
-    closure = {
-        "before": 8.31,
-        "after": 6.27,
-        "ci": [6.1, 6.4],
-        "fraction_of_excess": 1.0,
-        "held_out": True,
-        "reduction": 2.04,
-        "reduction_ci": [1.9, 2.2],
-    }
+    closure = {"before": 8.31, "after": 6.27, "ci": [6.1, 6.4], "held_out": True}
+    closure |= {"fraction_of_excess": 1.0, "reduction": 2.04, "reduction_ci": [1.9, 2.2]}
     row = {"scope": "aircraft", "known": True, "posterior": [0.01] * 14, "subset": []}
     sections = {
         "gap": {"mean_vector_disagreement_kt": 8.31, "noise_floor_kt": 6.2, "significance": 1e-9},
