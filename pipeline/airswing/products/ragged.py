@@ -158,7 +158,7 @@ def joined_months(months: Sequence[xr.Dataset]) -> xr.Dataset:
     archive = _by_aircraft(months).drop_duplicates("aircraft", keep="last").sortby("aircraft")
     archive = archive.assign_coords(aircraft=archive["aircraft"].astype(str).astype(object))
     total = counts.sum(axis=0).astype(np.int32)
-    fields: dict[str, Any] = {"row_size": ("aircraft", total, first["row_size"].attrs)}
+    fields: dict[Any, Any] = {"row_size": ("aircraft", total, first["row_size"].attrs)}
     for name, variable in first.data_vars.items():
         if "report" in variable.dims:
             variables = [month.variables[name] for month in months]
