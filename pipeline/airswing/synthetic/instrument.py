@@ -273,7 +273,10 @@ def _offset_and_hard_iron(setting: Setting, fault: Fault, where: Mask) -> None:
 def _drift(setting: Setting, fault: Fault, where: Mask) -> None:
     since = max(fault.period[0], float(setting.hours.min()))
     days = (setting.hours[where] - since) / 24.0
-    rate, offset = (np.radians(fault.value(key)) for key in ("rate_deg_per_day", "offset_deg"))
+    names = ("rate_deg_per_day", "offset_deg", "sine_rate_deg_per_day", "cosine_rate_deg_per_day")
+    rate, offset, sine, cosine = (np.radians(fault.value(name)) for name in names)
+    heading = setting.magnetic[where]
+    rate = rate + sine * np.sin(heading) + cosine * np.cos(heading)
     setting.unit.rotation[where] += rate * days + offset
 
 

@@ -11,20 +11,22 @@ from airswing.synthetic.sealed.draws import Draw, Signed
 
 
 class CompassDrift(ProportionalEffect, HeadingEffect):
-    """Heading error that grows at a constant rate from an initial offset."""
+    """Heading error that grows at a constant rate from an initial offset, or with one cycle."""
 
     name = "compass_drift"
     title = "compass deviation that drifts"
     deviates = True
     draw = Draw(Signed("rate_deg_per_day", 0.05), ("rate_deg_per_day",), dated="late", grows=True)
     physics = (
-        "Parts magnetise slowly, or the slaving of a gyro drifts out of adjustment: the heading "
-        "error changes a little every day."
+        "The slaving of a gyro drifts out of adjustment, or parts magnetise slowly: the heading "
+        "error, or its cycle in magnetic heading, changes a little every day."
     )
     source = "NGA Handbook of Magnetic Compass Adjustment (change of deviation with time)."
     parameters = (
         Parameter("rate_deg_per_day", "degree/day", 0.05, "change of the error", required=True),
         Parameter("offset_deg", "degree", 1.0, "error at the start of the archive or period"),
+        Parameter("sine_rate_deg_per_day", "degree/day", 0.05, "change of B in B sin(heading)"),
+        Parameter("cosine_rate_deg_per_day", "degree/day", 0.05, "change of C in C cos(heading)"),
     )
     kind = "drift"
     needs = ("heading", "time")
@@ -32,10 +34,12 @@ class CompassDrift(ProportionalEffect, HeadingEffect):
         "compass_step: where the record is short",
         "compass_offset: where the drift is slow",
     )
-    alternatives = ((0,), (0, 1))
+    alternatives = ((0,), (0, 1), (2, 3))
 
     def basis(self, frame: Frame) -> Floats:
-        return np.stack([frame.time - frame.epoch, np.ones(frame.size)])
+        since, heading = frame.time - frame.epoch, frame.magnetic_heading
+        cycle = since * np.sin(heading), since * np.cos(heading)
+        return np.stack([since, np.ones(frame.size), *cycle])
 
 
 EFFECT = CompassDrift()

@@ -295,7 +295,7 @@ class Candidates:
             if effect.kind == "step":
                 forms = [((0,), True), ((1, 2), True), ((0, 1, 2), True)]
             elif effect.kind == "drift":
-                forms.append((every, True))
+                forms.append(((0, 1), True))
             # between winds of the reference, which those of the context are not
             curved = self.curvature(effect.name, self.frame)
             if curved is not None:
