@@ -173,16 +173,11 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
     simple = [t for t in first if t.group.simple]
     scored = [_rescored(model, terms, term) for term in (*names, *tables, *simple)]
     # the screening score hardly says which form fits
-    named = max((t for t in scored if t.group.named), key=lambda t: t.score, default=None)
-    if named is not None:
-        forms = [
-            _rescored(model, terms, term)
-            for term in able
-            if (term.group.name, term.scope, term.group.dated)
-            == (named.group.name, named.scope, named.group.dated)
-        ]
-        fitting = max(forms, key=lambda t: t.score)
-        scored = [fitting if t is named else t for t in scored]
+    named = [t for t in scored if t.group.named]
+    least = REPRESENTS * max((t.score for t in named), default=0.0)
+    for name in [t for t in named if t.score >= least]:
+        forms = [_rescored(model, terms, term) for term in able if _is_form(term, name)]
+        scored[scored.index(name)] = max(forms, key=lambda t: t.score)
     scored = [term for term in scored if term.score > GATE]
     scored.sort(key=lambda term: -term.score)
     while scored and not scored[0].group.named and _is_usual(model, terms, scored[0]):
@@ -265,6 +260,12 @@ def _several_names(
             break
     model.condition(terms)
     return first
+
+
+def _is_form(term: Term, other: Term) -> bool:
+    """Whether two candidates are forms of one name."""
+    first, second = ((t.group.name, t.scope, t.group.dated) for t in (term, other))
+    return first == second
 
 
 def _is_as_simple(term: Term, rival: Term) -> bool:
