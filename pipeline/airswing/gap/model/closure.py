@@ -41,16 +41,9 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
     """Remove claims, each a list of terms, one after the other."""
     sums, exact = fitted.model.sums, fitted.exact
     theta = exact.by_fold if is_held_out(sums.D) else exact.theta
-    response = exact.response
-    linear = [response.linear(k, theta, response.reported[k + 1]) for k in range(len(fitted.terms))]
     rng = np.random.default_rng(seed)
-    removed: list[int] = []
-    residual = fitted.frame.residual
-    lengths = [np.hypot(*residual.T) / KNOT]
-    for claim in claims:
-        removed += claim
-        residual = fitted.frame.residual - response.combined(linear, removed)
-        lengths.append(np.hypot(*residual.T) / KNOT)
+    residual, lengths = _without_claims(fitted, theta, claims)
+    fit_means = np.mean(_without_claims(fitted, exact.theta, claims)[1], axis=1)
     doubt = _coefficient_doubt(fitted, claims, rng)
     block = sums.day // BLOCK if is_held_out(sums.D) else sums.day
     number = int(block.max()) + 1
@@ -69,7 +62,9 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
         error, cost = doubt
         # as stated, with two decimals, a value lies within its interval
         half = NORMAL_95 * float(np.hypot(widening * scatter, error)) + 0.005
-        return ClosesEntry(value, [value - half, value + half + cost + unseen * max(value, 0.0)])
+        # errors of coefficients make the closure of their own days too large, of others too small
+        most = max(value + cost, float(fit_means[first] - fit_means[last]) - cost)
+        return ClosesEntry(value, [value - half, most + half + unseen * max(value, 0.0)])
 
     steps = tuple(step(j, j + 1, doubt[j], unseen[j]) for j in range(len(claims)))
     missed = sum(
@@ -79,6 +74,22 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
     share = float(missed) / value if value > 0 else 0.0
     total = step(0, -1, doubt[-1] if claims else (0.0, 0.0), share)
     return Closure(float(means[0]), steps, total, residual)
+
+
+def _without_claims(
+    fitted: Fitted, theta: Floats, claims: Sequence[Sequence[int]]
+) -> tuple[Floats, list[Floats]]:
+    """Residual without all claims, and the lengths (n,), kt, before and after each of them."""
+    response = fitted.exact.response
+    linear = [response.linear(k, theta, response.reported[k + 1]) for k in range(len(fitted.terms))]
+    residual = fitted.frame.residual
+    removed: list[int] = []
+    lengths = [np.hypot(*residual.T) / KNOT]
+    for claim in claims:
+        removed += claim
+        residual = fitted.frame.residual - response.combined(linear, removed)
+        lengths.append(np.hypot(*residual.T) / KNOT)
+    return residual, lengths
 
 
 def _missed_ratio(fitted: Fitted, claim: Sequence[int]) -> float:
@@ -92,9 +103,11 @@ def _missed_ratio(fitted: Fitted, claim: Sequence[int]) -> float:
     """
     reliability = fitted.model.sums.candidates.reliability
     shares = []
-    for group in (fitted.terms[k].group for k in claim):
-        # tables are subtracted at the reported winds, without the blur of their fit
-        share = group.reliability if group.named else 1.0
+    for k in claim:
+        group = fitted.terms[k].group
+        # tables are subtracted at the reported winds without the blur of their fit
+        blurred = group.named or k in fitted.exact.response.averaged
+        share = group.reliability if blurred else 1.0
         for name in () if group.named else group.variables:
             squared = reliability.get(name, 1.0)
             share *= 0.9 * (2 / np.pi * np.arcsin(np.sqrt(squared))) ** 2

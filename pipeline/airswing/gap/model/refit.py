@@ -42,6 +42,7 @@ class Response:
         groups = [term.group for term in (model.base, *model.terms)]
         self.reported = [candidates.raw(group.columns, frame) for group in groups]
         self.raw = list(self.reported)
+        self.averaged: set[int] = set()  # terms subtracted at the large-scale wind
         self.curved = [candidates.curvature(term.group.name, frame) for term in model.terms]
 
     def without_noise(self, k: int) -> None:
@@ -204,7 +205,27 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
         any(not np.array_equal(z.rows[a][1], x.rows[a][1]) for a in z.rows)
         for z, x in zip(instruments[1:], exact[1:], strict=True)
     ]
-    return _with_levels(Refit(theta, covariance, without, tuple(differs), response), model)
+    fit = _with_levels(Refit(theta, covariance, without, tuple(differs), response), model)
+    _choose_columns(fit, model)
+    return fit
+
+
+def _choose_columns(fit: Refit, model: Model) -> None:
+    """Subtract tables of the wind at the large-scale wind where that leaves less disagreement.
+
+    The reported wind has noise, and a large error of its own.
+    """
+    response, frame = fit.response, fit.response.frame
+    every = range(len(model.terms))
+    linear = [response.linear(k, fit.by_fold, response.reported[k + 1]) for k in every]
+    residual = frame.residual - response.combined(linear, every)
+    for k in every:
+        if not (response.sensor[k] or model.terms[k].group.named):
+            raw = model.sums.candidates.raw(model.terms[k].group.columns)
+            other = residual + linear[k] - response.linear(k, fit.by_fold, raw)
+            if np.hypot(*other.T).mean() < np.hypot(*residual.T).mean():
+                response.reported[k + 1], residual = raw, other
+                response.averaged.add(k)
 
 
 def _with_levels(fit: Refit, model: Model) -> Refit:
