@@ -369,8 +369,6 @@ def placebo_errors(
 
 
 # -------------------------------------------------------------------------------- claims again
-
-
 @dataclass(frozen=True)
 class Adjustment:
     """Corrections of the winds for all diagnosed effects other than the deviation."""

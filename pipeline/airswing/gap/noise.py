@@ -123,13 +123,10 @@ def kalman_gains(
     used[index[: order.starts[1]] if n else index] = 0.0
     phi2, white, valid = used[index] ** 2, white[index], keep[index]  # blocks are then slices
     before, total = np.empty(n), np.empty(n)
-    variance = np.zeros(0)
+    variance = np.full(n, signal)
     for first, stop in zip(order.starts[:-1].tolist(), order.starts[1:].tolist(), strict=True):
         now = slice(first, stop)
-        if first:
-            variance = phi2[now] * variance[: stop - first] + signal * (1 - phi2[now])
-        else:
-            variance = np.full(stop, signal)
+        variance = phi2[now] * variance[: stop - first] + signal * (1 - phi2[now])
         before[now] = variance
         np.add(variance, white[now], out=total[now])
         variance = variance * (1 - np.where(valid[now], variance / total[now], 0.0))

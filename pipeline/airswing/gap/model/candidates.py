@@ -262,17 +262,21 @@ class Candidates:
     def _group(
         self, columns: Singles, group: Group, pick: Sequence[int] | None = None
     ) -> Group | None:
-        """Add a group, scaled to 1 m/s rms where it acts; None where it acts nowhere.
+        """Add a group, scaled so that X T z has 1 m/s rms where it acts; None if nowhere.
 
         ``columns`` are those of `SAMPLED`; ``pick`` are the columns of the block that its transform
         is for, all by default.
         """
         full = np.zeros((columns.shape[2], group.size))
         full[slice(None) if pick is None else list(pick)] = group.transform
-        scaled = unit_size(columns, full)
-        if scaled is None:
+        used = np.flatnonzero(full.any(axis=1))
+        effect = columns[:, :, used] @ full[used].astype(np.float32)
+        energy = (effect * effect).sum(axis=(1, 2))
+        # some parts in a million of the largest: where hat functions end, an effect acts no more
+        if energy.size == 0 or not energy.max() > 1e-6:
             return None
-        self.groups.append(replace(group, transform=scaled))
+        size = np.sqrt(float(energy[energy > 1e-6 * energy.max()].mean()))
+        self.groups.append(replace(group, transform=np.asarray(full / size)))
         return self.groups[-1]
 
     def _add_climatology(self) -> None:
@@ -388,7 +392,7 @@ class Candidates:
             )
             values = [values_of(at, at, curve.variable)[rows] for curve in table.curves]
             return _products(table, change[rows], values)
-        if of_wind(table):
+        if OF_WIND & {curve.variable for curve in table.curves}:
             return np.asarray(
                 sum(self._drawn_columns(table, rows, k) for k in range(DRAWS)) / DRAWS, np.float32
             )
@@ -455,9 +459,8 @@ class Candidates:
     def _add_simple(self, columns: Singles, group: Group, weight: float) -> None:
         """Add a constant, and one cycle with it, from the first day on or from a later one."""
         for size in SIMPLE:
-            simple = replace(
-                group, transform=group.transform[:size, :size], prior=weight, form=(0, size)
-            )
+            root = group.transform[:size, :size]
+            simple = replace(group, transform=root, prior=weight, form=(0, size))
             for dated in (False, True):
                 self._group(columns, replace(simple, dated=dated), range(size))
 
@@ -509,20 +512,3 @@ def _products(table: Table, change: Floats, values: Sequence[Floats]) -> Singles
         factors = curve.functions(of_reports).astype(np.float32)
         functions = (functions[:, :, None] * factors[:, None, :]).reshape(len(change), -1)
     return np.asarray(change.astype(np.float32)[:, :, None] * functions[:, None, :])
-
-
-def of_wind(table: Table) -> bool:
-    """Whether a table depends on the reported wind."""
-    return bool(OF_WIND & {curve.variable for curve in table.curves})
-
-
-def unit_size(columns: Singles, transform: Floats) -> Floats | None:
-    """Scale a transform so that X T z has 1 m/s rms where it acts; None where it acts nowhere."""
-    used = np.flatnonzero(transform.any(axis=1))
-    effect = columns[:, :, used] @ transform[used].astype(np.float32)
-    energy = (effect * effect).sum(axis=(1, 2))
-    # some parts in a million of the largest: where hat functions end, an effect acts no more
-    if energy.size == 0 or not energy.max() > 1e-6:
-        return None
-    acting = energy > 1e-6 * energy.max()
-    return np.asarray(transform / np.sqrt(float(energy[acting].mean())))

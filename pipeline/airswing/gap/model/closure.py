@@ -67,9 +67,7 @@ def close(fitted: Fitted, claims: Sequence[Sequence[int]], *, seed: int = 0) -> 
         return ClosesEntry(value, [value - half, most + half + unseen * max(value, 0.0)])
 
     steps = tuple(step(j, j + 1, doubt[j], unseen[j]) for j in range(len(claims)))
-    missed = sum(
-        share * max(step.reduction, 0.0) for share, step in zip(unseen, steps, strict=True)
-    )
+    missed = sum(ratio * max(x.reduction, 0.0) for ratio, x in zip(unseen, steps, strict=True))
     value = float(means[0] - means[-1])
     share = float(missed) / value if value > 0 else 0.0
     total = step(0, -1, doubt[-1] if claims else (0.0, 0.0), share)

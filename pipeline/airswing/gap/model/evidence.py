@@ -172,8 +172,8 @@ def _sets_with_mean(
         rest = _sum_of_cases(affected, nothing, null)
         inside = _sum_of_cases(affected, slab, nothing)
         phi, mu = np.split(_Common(joint_variance).mean(*joint(rest, inside)[1:])[:, None], 2, -1)
-        log_ratio = _log_density(*slab, phi + mu) - _log_density(*null, phi)
-        gain = np.where(able, log_ratio, -np.inf)
+        gain = _log_density(*slab, phi + mu) - _log_density(*null, phi)
+        gain = np.where(able, gain, -np.inf)
     order = np.argsort(-gain, axis=-1)
     steps, without = _cumulative_sums(order, slab), _cumulative_sums(order, null)
     rest = (null[0].sum(0) - without[0], null[1].sum(0) - without[1], null[2].sum(0) - without[2])
@@ -201,7 +201,6 @@ def static_evidence(
     values, vectors = np.linalg.eigh(stats.information)
     values = np.maximum(values, 1e-8 * max(float(values.max()), 1e-12))
     turned = np.einsum("aji,aj->ai", vectors, score)
-
     small = usual**2 + stats.usual + np.broadcast_to(stats.remainder, aircraft)[:, None]
 
     def integrated(variance: Floats) -> Gaussians:
@@ -341,9 +340,8 @@ def _explained_by_stretch(model: Model, group: Group, aircraft: int) -> Floats:
     span = sums.rows_of(aircraft)
     cuts = sums.cuts[aircraft * sums.D + np.r_[sums.first_day, sums.D]] - span.start
     values = sums.rows[span, group.columns] @ group.transform.astype(np.float32)
-    cross = np.stack(
-        [active.rows[i:j].T @ values[i:j] for i, j in itertools.pairwise(cuts)], dtype=np.float64
-    )
+    stretches = itertools.pairwise(cuts)
+    cross = np.stack([active.rows[i:j].T @ values[i:j] for i, j in stretches], dtype=np.float64)
     return np.asarray(active.root @ cross)
 
 
@@ -443,14 +441,11 @@ class _Changes:
             by_scale.append((by_period, gains, best, gain))
         evidence = float(np.logaddexp(log_sum(separate), log_sum(shared))) - np.log(2 * SCALES.size)
         together = max(shared) >= max(separate)
+        k = int(np.argmax(shared if together else separate))
+        by_period, gains, best, gain = by_scale[k]
         if together:
-            k = int(np.argmax(shared))
-            by_period, gains, _, _ = by_scale[k]
             one = int(by_period.argmax())
             gain, best = gains[one], np.full(aircraft, one)
-        else:
-            k = int(np.argmax(separate))
-            _, _, best, gain = by_scale[k]
         inclusion = 1 / (1 + np.exp(-np.clip(gain, -30, 30)))
         tails = tuple(int(a) for a in np.flatnonzero(inclusion > INCLUDED))
         period = {
@@ -484,13 +479,11 @@ def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | No
     The deviations of either (columns of the group) are free whether or not they did, so that an
     exchange has no parameter but pair and date.
     """
-    sums, t = model.sums, group.transform
+    sums = model.sums
     if sums.A < 2 or sums.T <= 2 * SIDES:
         return None
-    by_day, _ = sums.information(group)
-    information = by_day / kappa
-    score = model.day_score[:, :, group.columns] @ t / kappa
-
+    information = sums.information(group)[0] / kappa
+    score = model.day_score[:, :, group.columns] @ group.transform / kappa
     early_information, early_score = (np.cumsum(x, axis=1) - x for x in (information, score))
     late_information = information.sum(axis=1)[:, None] - early_information
     late_score = score.sum(axis=1)[:, None] - early_score
@@ -509,11 +502,8 @@ def exchange_evidence(model: Model, group: Group, kappa: float) -> Exchange | No
         early_information[:, None] + late_information[None], early_score[:, None] + late_score[None]
     )
     gain = crossed + crossed.transpose(1, 0, 2) - (unchanged[:, None] + unchanged[None])[..., None]
-    change = (
-        evidence(early_information, early_score)
-        + evidence(late_information, late_score)
-        - unchanged[:, None]
-    )
+    change = evidence(early_information, early_score) + evidence(late_information, late_score)
+    change -= unchanged[:, None]
     gain[:, :, :SIDES], gain[:, :, -SIDES:] = -np.inf, -np.inf
     gain[np.arange(sums.A), np.arange(sums.A)] = -np.inf
     i, j, d = (int(k) for k in np.unravel_index(gain.argmax(), gain.shape))

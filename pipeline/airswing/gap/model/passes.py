@@ -186,14 +186,9 @@ def _linearised(fitted: Fitted, effects: Mapping[str, Effect], tables: bool, see
         return fitted
     corrected, _, _ = without_errors(fitted.frame, errors)
     fitted.model.sums.release()
-    again = prepared(
-        corrected,
-        effects,
-        tables=tables,
-        seed=seed,
-        less=sum((linear[k] for k in range(len(terms)) if k not in sensor), np.zeros_like(errors)),
-        indicated=fitted.context.magnetic_heading,
-    )
+    less = sum((linear[k] for k in range(len(terms)) if k not in sensor), np.zeros_like(errors))
+    indicated = fitted.context.magnetic_heading
+    again = prepared(corrected, effects, tables=tables, seed=seed, less=less, indicated=indicated)
     candidates = again.model.sums.candidates
     groups = {(g.name, g.form, g.dated): g for g in candidates.groups}
     # refined tables of one variable differ in their knots, not in their names

@@ -198,9 +198,7 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
     inner = np.linalg.inv(normal)
     gram = np.block([[z.product(y) for y in instruments] for z in instruments])
     covariance = model.kappa * inner @ (gram + precision) @ inner.T
-    without = np.stack(
-        [theta - np.linalg.solve(normal - by_fold[j], scores[j]) for j in range(folds)]
-    )
+    without = theta - np.linalg.solve(normal - by_fold, scores[..., None])[..., 0]
     differs = [
         any(not np.array_equal(z.rows[a][1], x.rows[a][1]) for a in z.rows)
         for z, x in zip(instruments[1:], exact[1:], strict=True)
@@ -276,15 +274,6 @@ def _weak_direction(gram: Floats, cross: Floats, prior: Floats) -> Floats | None
     return np.asarray(inner.T @ vectors[:, 0]) if values[0] < 0.5 else None
 
 
-def _with_free_level(constant: Floats) -> Floats:
-    """Prior precision of standard normal coefficients plus a level of the same variance.
-
-    Of a fine curve, whose coefficients are nearly independent, the level would be close to zero.
-    """
-    shrunk = np.outer(constant, constant) / (1.0 + constant @ constant)
-    return np.asarray(np.eye(constant.size) - shrunk)
-
-
 def _precision(model: Model) -> Floats:
     """Prior precision P of all coefficients, with the most likely s and tau of each term."""
     gram, score, precision = model.system(model.terms)
@@ -295,7 +284,11 @@ def _precision(model: Model) -> Floats:
         # the s of the search, whose grid has steps of three
         several = term.scope == "a" and len(term.tails) > 1
         if term.group.kind == "table" and term.shape is None:
-            term = replace(term, shape=_with_free_level(model.sums.candidates.constant(term.group)))
+            # standard normal coefficients plus a level of the same variance: that of a fine curve,
+            # whose coefficients are nearly independent, would be close to zero
+            constant = model.sums.candidates.constant(term.group)
+            shrunk = np.outer(constant, constant) / (1.0 + constant @ constant)
+            term = replace(term, shape=np.eye(constant.size) - shrunk)
         options = [
             replace(term, scale=term.scale * factor, spread=2.0**-j).precision
             for factor in (0.5, 1.0, 2.0, 4.0)
@@ -305,10 +298,7 @@ def _precision(model: Model) -> Floats:
         for option in options:
             precision[block, block] = option
             solved = np.linalg.solve(gram + precision, score)
-            evidences.append(
-                score @ solved
-                - np.linalg.slogdet(gram + precision)[1]
-                + np.linalg.slogdet(option)[1]
-            )
+            log_det = np.linalg.slogdet(gram + precision)[1]
+            evidences.append(score @ solved - log_det + np.linalg.slogdet(option)[1])
         precision[block, block] = options[int(np.argmax(evidences))]
     return np.asarray(precision)

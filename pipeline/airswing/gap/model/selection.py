@@ -59,7 +59,6 @@ def screen(model: Model, groups: Sequence[Group] | None = None) -> list[Term]:
     for group in model.sums.candidates.groups if groups is None else groups:
         if group.kind == "nuisance":
             continue
-        stats = model.statistics(group)
         if group.dated:
             ranked, gated = dated_evidence(model, group, model.kappa, GATE - group.prior)
             scores = ranked.evidence + group.prior, gated.evidence + group.prior
@@ -69,8 +68,7 @@ def screen(model: Model, groups: Sequence[Group] | None = None) -> list[Term]:
             if gated.tails:
                 out.append(Term(group, "a", gated.tails, *fields, shape=gated.shape))
             continue
-        factor = max(model.kappa, stats.mean_factor)
-        out += _static_terms(model, group, stats, factor)
+        out += _static_terms(model, group)
     return sorted(out, key=lambda term: -term.score)
 
 
@@ -88,9 +86,7 @@ def usual_sizes(
         tables = [s for g, s in statistics if g.kind == "table" and g.quantity == quantity]
         aircraft = [_directions(s.information, s.score, kappa) for s in tables]
         fleet = [
-            _directions(
-                s.fleet_information[None], s.score.sum(axis=0)[None], max(1.0, s.fleet_factor)
-            )
+            _directions(s.fleet_information[None], s.score.sum(0)[None], max(1.0, s.fleet_factor))
             for s in tables
         ]
         out[quantity] = _median_variance(aircraft), _median_variance(fleet)
@@ -106,21 +102,17 @@ def _directions(information: Floats, score: Floats, factor: float) -> tuple[Floa
 
 
 def _median_variance(directions: Sequence[tuple[Floats, Floats]]) -> float:
-    squares = np.concatenate([square for square, _ in directions]) if directions else np.zeros(0)
-    noise = np.concatenate([variance for _, variance in directions]) if directions else np.zeros(0)
+    squares, noise = np.hstack([np.zeros((2, 0)), *directions])
     if squares.size < MIN_NUMBER:
         return 0.0
-    low, high = 0.0, 1.0
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        if np.median(squares / (noise + middle)) > CHI_SQUARED_MEDIAN:
-            low = middle
-        else:
-            high = middle
-    return float(low)
+    variance = 0.0
+    for step in (0.5**k for k in range(1, 31)):  # bisection of 0 to 1
+        if np.median(squares / (noise + (variance + step))) > CHI_SQUARED_MEDIAN:
+            variance += step
+    return variance
 
 
-def _static_terms(model: Model, group: Group, stats: Statistics, factor: float) -> list[Term]:
+def _static_terms(model: Model, group: Group) -> list[Term]:
     scopes = group.scopes
     if model.sums.span < DAYS:
         if not group.named:
@@ -135,6 +127,8 @@ def _static_terms(model: Model, group: Group, stats: Statistics, factor: float) 
         scopes = scopes.replace("f", "")
     if not scopes:
         return []
+    stats = model.statistics(group)
+    factor = max(model.kappa, stats.mean_factor)
     ranked = static_evidence(stats, model.kappa, scopes, having=having)
     gated = ranked
     if factor > model.kappa and any(r.evidence + group.prior > GATE for r in ranked.values()):
@@ -160,13 +154,12 @@ def _function(group: Group) -> str:
 
 def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list[Term]:
     """Best candidates by exact marginal likelihood together with the terms, best first."""
-    able = [term for term in ranked if term.gate > GATE]
-    best_of_kind: dict[tuple[object, ...], Term] = {}
-    for term in able:
+    by_kind: dict[tuple[object, ...], list[Term]] = {}
+    for term in (term for term in ranked if term.gate > GATE):
         group = term.group
         kind = (group.name, term.scope, group.dated, group.form if group.simple else ())
-        best_of_kind.setdefault(kind, term)
-    first = list(best_of_kind.values())
+        by_kind.setdefault(kind, []).append(term)
+    first = [forms[0] for forms in by_kind.values()]
     names = [t for t in first if t.group.named][:NAMES]
     every = [t for t in first if not t.group.named and not t.group.simple]
     tables = [t for scope in "af" for t in [x for x in every if x.scope == scope][:TABLES]]
@@ -176,8 +169,9 @@ def contest(model: Model, terms: Sequence[Term], ranked: Sequence[Term]) -> list
     named = [t for t in scored if t.group.named]
     least = REPRESENTS * max((t.score for t in named), default=0.0)
     for name in [t for t in named if t.score >= least]:
-        forms = [_rescored(model, terms, term) for term in able if _is_form(term, name)]
-        scored[scored.index(name)] = max(forms, key=lambda t: t.score)
+        forms = by_kind[name.group.name, name.scope, name.group.dated, ()]
+        rescored = [_rescored(model, terms, form) for form in forms]
+        scored[scored.index(name)] = max(rescored, key=lambda t: t.score)
     scored = [term for term in scored if term.score > GATE]
     scored.sort(key=lambda term: -term.score)
     while scored and not scored[0].group.named and _is_usual(model, terms, scored[0]):
@@ -260,12 +254,6 @@ def _several_names(
             break
     model.condition(terms)
     return first
-
-
-def _is_form(term: Term, other: Term) -> bool:
-    """Whether two candidates are forms of one name."""
-    first, second = ((t.group.name, t.scope, t.group.dated) for t in (term, other))
-    return first == second
 
 
 def _is_as_simple(term: Term, rival: Term) -> bool:
@@ -414,11 +402,10 @@ def revisit(model: Model, terms: list[Term], rounds: int) -> list[Term]:
                 terms, changed = rest, True
                 continue
             new = ranking[0]
-            if new.label != term.label:
-                LOG.debug("~ %s -> %s, score %.1f", term.key, new.key, new.score)
             changed |= new.key != term.key
             terms = [new if t is term else t for t in terms]
             if new.label != term.label:
+                LOG.debug("~ %s -> %s, score %.1f", term.key, new.key, new.score)
                 model.condition(terms)
                 terms = refined(model, terms, new)
         model.condition(terms)

@@ -194,7 +194,6 @@ class Columns:
 class AircraftTerms:
     """Coefficients of the terms in the model that act on an aircraft."""
 
-    at: Integers  # (w,): their places
     rows: Singles  # (2 n_a, w): those of V^-1 X on its rows
     root: Floats  # (w, w): a root of their posterior covariance, root' root
 
@@ -362,7 +361,7 @@ class Model:
             rows = np.concatenate([columns[k].rows[a][1] for k in active], axis=1)
             fitted[span] = rows @ self.theta[at].astype(np.float32)
             rows = np.concatenate([columns[k].inverse[a] for k in active], axis=1)
-            acting = AircraftTerms(at, rows, np.linalg.cholesky(inverse[np.ix_(at, at)]).T)
+            acting = AircraftTerms(rows, np.linalg.cholesky(inverse[np.ix_(at, at)]).T)
             self.by_aircraft.append(acting)
             explained.append(acting.root @ np.concatenate([crossed[k][1][a] for k in active]))
         self.inverse_residual = sums.inverse_residual - sums.invert(fitted)
