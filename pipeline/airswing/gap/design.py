@@ -93,10 +93,8 @@ def smooth_deviation(difference: Floats, angle: Floats, aircraft: NDArray[np.int
 
     Differences beyond three robust standard deviations do not enter.
     """
-    design = np.stack(
-        [np.ones_like(angle), np.sin(angle), np.cos(angle), np.sin(2 * angle), np.cos(2 * angle)],
-        -1,
-    )
+    cycles = [f(k * angle) for k in (1, 2) for f in (np.sin, np.cos)]
+    design = np.stack([np.ones_like(angle), *cycles], -1)
     out = np.zeros_like(difference)
     for a in np.unique(aircraft):
         index = np.flatnonzero(aircraft == a)

@@ -185,10 +185,8 @@ class Frame:
         wanted = [tails] if isinstance(tails, str) else list(tails)
         for tail in wanted:
             if tail not in self.tails:
-                names = ", ".join(self.tails[:8]) + " ..." * (len(self.tails) > 8)
-                raise InputError(
-                    "unknown aircraft", found=tail, remedy=f"the archive holds {names}"
-                )
+                some = ", ".join(self.tails[:8]) + " ..." * (len(self.tails) > 8)
+                raise InputError("unknown aircraft", found=tail, remedy=f"the archive holds {some}")
         return np.isin(self.aircraft, [self.tails.index(tail) for tail in wanted])
 
     @classmethod

@@ -29,7 +29,7 @@ def _by_phase(rng: np.random.Generator) -> dict[str, object]:
     return {"by_phase": True, "amplitude_deg": 10.0 * sign(rng)}
 
 
-def _out_of_cruise(frame: pd.DataFrame, values: Mapping[str, object]) -> Booleans:
+def _not_level(frame: pd.DataFrame, values: Mapping[str, object]) -> Booleans:
     return np.asarray(frame["phase"] != 2)
 
 
@@ -43,9 +43,7 @@ class AccelerationError(HeadingEffect):
 
     name = "acceleration_error"
     title = "heading error from acceleration in climb and descent"
-    draw = Draw(
-        Signed("amplitude_deg", 20.0), ("amplitude_deg",), form=_by_phase, acts=_out_of_cruise
-    )
+    draw = Draw(Signed("amplitude_deg", 20.0), ("amplitude_deg",), form=_by_phase, acts=_not_level)
     physics = (
         "The flux valve hangs as a pendulum. Under longitudinal acceleration it tilts and takes "
         "in a part of the vertical field: an error as the sine of the magnetic heading times the "
@@ -68,17 +66,14 @@ class AccelerationError(HeadingEffect):
         pull = np.where(steady, 0.0, frame.acceleration) / GRAVITY
         climbs = frame.phase == PHASE["ascent"]
         usual = 0.03 * (1.0 * climbs - (frame.phase == PHASE["descent"]))
-        return np.asarray(
-            np.sin(frame.magnetic_heading) * np.tan(frame.dip) * np.stack([pull, usual])
-        )
+        tilt = np.sin(frame.magnetic_heading) * np.tan(frame.dip)
+        return np.asarray(tilt * np.stack([pull, usual]))
 
     def to_parameters(self, coefficients: Floats, covariance: Floats, frame: Frame) -> Estimate:
         # of the form with the larger coefficient
         k = int(np.argmax(np.abs(coefficients)))
-        values: Stated = {
-            "amplitude_deg": float(coefficients[k]) / DEGREE,
-            "by_phase": k == 1 or None,
-        }
+        amplitude = float(coefficients[k]) / DEGREE
+        values: Stated = {"amplitude_deg": amplitude, "by_phase": k == 1 or None}
         return values, {"amplitude_deg": standard_error(covariance, k) / DEGREE}
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:

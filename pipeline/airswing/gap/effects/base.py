@@ -240,9 +240,8 @@ class WindEffect(ProportionalEffect):
         curvature = self.curvature(frame)
         if curvature is not None:
             change = change + np.tensordot(coefficients**2, curvature, axes=1)
-        return replace(
-            state, wind_u=state.wind_u + change[:, 0], wind_v=state.wind_v + change[:, 1]
-        )
+        u, v = state.wind_u + change[:, 0], state.wind_v + change[:, 1]
+        return replace(state, wind_u=u, wind_v=v)
 
 
 class AirspeedEffect(Effect):
@@ -307,14 +306,10 @@ class CycleEffect(HeadingEffect):
             gradient = np.array([[sine, cosine], by_phase]) / amplitude
             variance = np.einsum("ij,jk,ik->i", gradient, covariance, gradient)
             error, phase_error = np.degrees(np.sqrt(np.maximum(variance, 0.0)))
-        values: Stated = {
-            "amplitude_deg": float(np.degrees(amplitude)),
-            "phase_deg": float(np.degrees(np.arctan2(cosine, sine))),
-        }
-        return values, {
-            "amplitude_deg": float(error),
-            "phase_deg": min(float(phase_error), unknown),
-        }
+        phase = float(np.degrees(np.arctan2(cosine, sine)))
+        values: Stated = {"amplitude_deg": float(np.degrees(amplitude)), "phase_deg": phase}
+        phase_error = min(float(phase_error), unknown)
+        return values, {"amplitude_deg": float(error), "phase_deg": phase_error}
 
     def from_parameters(self, values: Mapping[str, object], frame: Frame) -> Floats:
         full = self.complete(values)

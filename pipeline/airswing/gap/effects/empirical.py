@@ -17,6 +17,7 @@ from airswing.gap.archive.reported_variables import KINDS, cells_of, values_of
 from airswing.gap.arrays import Floats
 from airswing.gap.design import unit_vectors
 from airswing.gap.effects.base import MomentEffect, Parameter, Parameters, Random, State
+from airswing.physics.triangle import wind_from_triangle
 
 Wind = tuple[Floats, Floats]
 
@@ -84,9 +85,8 @@ class Table:
         Variables depend on the reported ``wind`` (u, v) and the indicated ``heading`` (rad).
         """
         magnetic = frame.magnetic_heading + heading - frame.heading
-        changed = replace(
-            frame, u_rep=wind[0], v_rep=wind[1], heading=heading, magnetic_heading=magnetic
-        )
+        u, v = wind
+        changed = replace(frame, u_rep=u, v_rep=v, heading=heading, magnetic_heading=magnetic)
         index = np.zeros(frame.size, np.int64)
         for name, cut in zip(self.variables, self.edges, strict=True):
             cell = cells_of(values_of(changed, changed, name), cut)
@@ -210,10 +210,7 @@ def _changed(component: str, value: Floats, frame: Frame, wind: Wind) -> Wind:
         angle = np.radians(value)
         if component == "across_heading":
             angle = -value / np.maximum(airspeed, 1.0)
-        return (
-            frame.ground_u - airspeed * np.sin(heading + angle),
-            frame.ground_v - airspeed * np.cos(heading + angle),
-        )
+        return wind_from_triangle(frame.ground_u, frame.ground_v, airspeed, heading + angle)
     change = value[:, None] * change_of(component, heading=heading, airspeed=airspeed, u=u, v=v)
     return u + change[:, 0], v + change[:, 1]
 

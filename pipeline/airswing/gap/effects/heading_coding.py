@@ -21,9 +21,7 @@ class HeadingCoding(MomentEffect):
 
     name = "heading_coding"
     title = "headings coded more coarsely than stated"
-    draw = Draw(
-        ladder=({"step_deg": 2.0}, {"step_deg": 5.0}, {"step_deg": 10.0}, {"step_deg": 15.0})
-    )
+    draw = Draw(ladder=tuple({"step_deg": step} for step in (2.0, 5.0, 10.0, 15.0)))
     physics = (
         "The unit takes its heading from a bus or a display in steps of a few degrees: the wind "
         "errs across the heading by up to half a step of the airspeed, the same along one course."

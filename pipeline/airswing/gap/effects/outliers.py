@@ -14,9 +14,7 @@ class Outliers(MomentEffect):
 
     name = "outliers"
     title = "gross errors"
-    draw = Draw(
-        ladder=({"fraction": 0.005}, {"fraction": 0.01}, {"fraction": 0.02}, {"fraction": 0.04})
-    )
+    draw = Draw(ladder=tuple({"fraction": share} for share in (0.005, 0.01, 0.02, 0.04)))
     physics = (
         "Transmission errors, wrong digits, winds computed in a manoeuvre: single reports that are "
         "grossly wrong, independent of their neighbours."

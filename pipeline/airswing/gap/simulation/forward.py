@@ -88,11 +88,8 @@ class PreparedEffect:
             if active.tails is not None:
                 frame.aircraft_mask(active.tails)  # raises for an unknown aircraft
             for name in effect.needs:
-                reason = missing_context(frame, name, may_be_constant=True)
-                if reason is not None:
-                    raise InputError(
-                        f"{active.name} cannot be simulated: {reason}", field=active.name
-                    )
+                if (why := missing_context(frame, name, may_be_constant=True)) is not None:
+                    raise InputError(f"{active.name} cannot be simulated: {why}", field=active.name)
             out.append(cls(effect, active, effect.complete(active.parameters), seed))
         return out
 
