@@ -16,11 +16,7 @@ from airswing.gap.archive.frame import Frame
 from airswing.gap.checks import Adjustment, run_checks
 from airswing.gap.distribution.coded_values import coded_effects, reduction_of_coding
 from airswing.gap.distribution.entries import unnamed
-from airswing.gap.distribution.gross_errors import (
-    gross_by_variable,
-    outliers,
-    reduction_of_gross,
-)
+from airswing.gap.distribution.gross_errors import gross_by_variable, outliers, reduction_of_gross
 from airswing.gap.distribution.lasting_errors import find_lasting_errors
 from airswing.gap.distribution.scatter import find_scatter
 from airswing.gap.distribution.sent_winds import find_sent_winds

@@ -199,9 +199,8 @@ def reduction_of_coding(
     longer = np.zeros(frame.size)
     for tail, values in per_tail.items():
         used = affected & frame.aircraft_mask(tail)
-        rounding = float((frame.airspeed[used] ** 2).mean()) * (
-            np.radians(number(values["step_deg"])) ** 2 / 12
-        )
+        step = np.radians(number(values["step_deg"]))
+        rounding = float((frame.airspeed[used] ** 2).mean()) * (step**2 / 12)
         share = max(1 - rounding / float((error[used] ** 2).mean()), LEAST_LEFT)
         without = residual[used] - (error[used] * (1 - np.sqrt(share)))[:, None] * right[used]
         longer[used] = np.hypot(*residual[used].T) - np.hypot(*without.T)

@@ -17,8 +17,6 @@ Found = Mapping[str, tuple[Stated, float]]  # aircraft -> parameters, log likeli
 
 #: Share of the mean square that is always left.
 LEAST_LEFT = 0.05
-
-
 #: Component and variable of effects that have no name where a catalogue leaves it out.
 _SHOWN_BY = {
     "wind_coding": ("reported_wind", "wind_direction"),

@@ -83,9 +83,7 @@ def _evidence(
     # half of all values are below the median of the law of those without an effect
     largest = float(np.median(value**2 * information[used])) / norm.ppf(0.75) ** 2
     noises = KAPPAS[:, None] * largest / information[used]
-    by_freedom = [
-        [_Fit.of(value, noise, owner, number, freedom) for noise in noises] for freedom in FREEDOM
-    ]
+    by_freedom = [[_Fit.of(value, noise, owner, number, nu) for noise in noises] for nu in FREEDOM]
     # tails are known to be heavy: they are those without an effect
     fits = max(by_freedom, key=lambda fits: max(fit.nothing for fit in fits))
     best = max(fits, key=lambda fit: fit.total)

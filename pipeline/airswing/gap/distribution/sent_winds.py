@@ -138,15 +138,8 @@ def find_sent_winds(
         ratios = [speed_ratio(np.hypot(*wind.T), speeds, sent) for wind in drawn]
         sent_instead = [wind * ratio[:, None] for wind, ratio in zip(drawn, ratios, strict=True)]
         closure = _closure(frame, drawn, sent_instead, rows, day)
-        curve = CurveEntry(
-            [f"{speed:.3g}" for speed in speeds],
-            sent.tolist(),
-            unit="m/s",
-            variables=["wind_speed"],
-            variable_units=["m/s"],
-            edges=[speeds.tolist()],
-            values=sent.tolist(),
-        )
+        labels, values = [f"{speed:.3g}" for speed in speeds], sent.tolist()
+        curve = CurveEntry(labels, values, "m/s", [name], ["m/s"], [speeds.tolist()], values)
     place = place_of(component, name, tails, frame.tails, score, rms, curve, closure)
     place = replace(place, settled_by="the unit's winds before coding and those it sends")
     if grid is not None:

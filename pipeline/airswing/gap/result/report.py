@@ -211,8 +211,7 @@ def diagnosis_dataset(fitted: Fitted) -> xr.Dataset:
     out = residual_maps(frame)
     begins = ((sums.days * DAY + sums.ends) * 1e9).astype(np.int64).astype("datetime64[ns]")
     out["day"] = ("day", begins)
-    counts = np.diff(sums.cuts).reshape(sums.A, sums.D) // 2
-    out["report_count"] = (("aircraft", "day"), counts)
+    out["report_count"] = (("aircraft", "day"), np.diff(sums.cuts).reshape(sums.A, sums.D) // 2)
     gross = np.bincount(frame.aircraft, noise.gross, minlength=len(frame.tails))
     out["gross_error_count"] = (("aircraft",), gross)
     evidence: dict[str, tuple[float, Floats]] = {}

@@ -160,17 +160,18 @@ def effect_entry(
     doubt = np.hypot(0.5 * (1 - share), FIRST_ORDER)
     errors = errors + doubt**2 * np.einsum("ti,tj->tij", values, values)
     scales = np.asarray(effect.column_scales, float)
-    frame = fitted.frame
+    frame, sums = fitted.frame, fitted.model.sums
     stated = []
     for a, value, error in zip(tails, values, errors, strict=True):
-        start = _start(fitted, first, a)
-        counted = frame if start is None else replace(frame, epoch=start)
-        coefficient, spread = value * scales, error * np.outer(scales, scales)
-        if effect.kind == "drift" and start is not None:
-            # fitted from the archive's first report on, stated from the date on
-            turn = np.eye(scales.size)
-            turn[1, 0] = start - frame.epoch
-            coefficient, spread = turn @ coefficient, turn @ spread @ turn.T
+        counted, coefficient, spread = frame, value * scales, error * np.outer(scales, scales)
+        if first.period:
+            start = float(sums.days[first.period[a][0]]) * DAY + sums.ends
+            counted = replace(frame, epoch=start)
+            if effect.kind == "drift":
+                # fitted from the archive's first report on, stated from the date on
+                turn = np.eye(scales.size)
+                turn[1, 0] = start - frame.epoch
+                coefficient, spread = turn @ coefficient, turn @ spread @ turn.T
         stated.append(effect.to_parameters(coefficient, spread, counted))
         if fleet:
             break
@@ -180,7 +181,6 @@ def effect_entry(
         for a, (p, e) in zip(tails, stated, strict=False)
     }
     rivals = _rivals(terms, fitted.model.kappa)
-    size = np.concatenate([_sizes(fitted, k) for k in claim.terms])
     return EffectEntry(
         name=name,
         probability=claim.weight * probability(claim.gate),
@@ -191,7 +191,7 @@ def effect_entry(
         scope="reference" if effect.scope == "reference" else "fleet" if fleet else "aircraft",
         evidence_nats=round(claim.score, 2),
         cluster_factor=round(float(fitted.model.kappa), 2),
-        size_m_s=float(np.median(size)),
+        size_m_s=_size(fitted, claim),
         per_tail=None if fleet or len(stated) < 2 else per_tail,
         ambiguous_with=[rival.name for rival in rivals],
         ambiguity=rivals,
@@ -199,13 +199,14 @@ def effect_entry(
     )
 
 
-def _sizes(fitted: Fitted, k: int) -> Floats:
-    """Rms of a term where it acts, by aircraft, m/s."""
-    term, model = fitted.model.terms[k], fitted.model
-    theta = fitted.exact.theta[model.offsets[k + 1] : model.offsets[k + 2]]
-    theta = theta.reshape(-1, term.group.size)
-    # the transform makes an effect of 1 m/s rms of a coefficient vector of length root m
-    return np.asarray(np.sqrt((theta**2).mean(axis=1)))
+def _size(fitted: Fitted, claim: Claim) -> float:
+    """Median over aircraft of the rms of a claim's terms where they act, m/s."""
+    model, sizes = fitted.model, list[float]()
+    for k in claim.terms:
+        theta = fitted.exact.theta[model.offsets[k + 1] : model.offsets[k + 2]]
+        # the transform makes an effect of 1 m/s rms of a coefficient vector of length root m
+        sizes += np.sqrt((theta.reshape(-1, model.terms[k].group.size) ** 2).mean(axis=1)).tolist()
+    return float(np.median(sizes))
 
 
 def _rivals(terms: Sequence[Term], kappa: float) -> list[RivalEntry]:
@@ -220,15 +221,6 @@ def _rivals(terms: Sequence[Term], kappa: float) -> list[RivalEntry]:
         RivalEntry(rival, behind[rival], separated_by(rival, name, otherwise="a longer record"))
         for rival in sorted(behind, key=behind.__getitem__)
     ]
-
-
-def _start(fitted: Fitted, term: Term, aircraft: int | None = None) -> float | None:
-    """First second a dated term is in force, on one of its aircraft or on any."""
-    if not term.period:
-        return None
-    sums = fitted.model.sums
-    first = min(term.period.values())[0] if aircraft is None else term.period[aircraft][0]
-    return float(sums.days[first]) * DAY + sums.ends
 
 
 def _period(fitted: Fitted, claim: Claim, aircraft: int | None = None) -> list[str | None] | None:
@@ -278,7 +270,6 @@ def place_entry(fitted: Fitted, claim: Claim, step: ClosesEntry) -> PlaceEntry:
     begins = f"from {period[0]} {f'to {period[1]}' if period[1] else 'on'}" if period else None
     words = [words for words in (shape_in_words(curve), begins) if words]
     nearest, share = _nearest(terms)
-    size = np.concatenate([_sizes(fitted, k) for k in claim.terms])
     return PlaceEntry(
         component=group.component,
         variable=group.variables[0],
@@ -287,7 +278,7 @@ def place_entry(fitted: Fitted, claim: Claim, step: ClosesEntry) -> PlaceEntry:
         tails=[] if fleet else [frame.tails[a] for a in tails],
         scope="fleet" if fleet else "aircraft",
         evidence_nats=round(claim.score, 2),
-        size_m_s=float(np.median(size)),
+        size_m_s=_size(fitted, claim),
         curve=curve,
         closure=step,
         probability=claim.weight * probability(claim.gate),
@@ -324,11 +315,10 @@ def table_curve(fitted: Fitted, table: Table, tails: Sequence[int], values: Floa
         functions = np.asarray(np.kron(functions, curve.functions(middle)), np.float64)
     rows = values @ functions.T
     middle = rows.mean(axis=0)
-    differs = float(np.abs(rows - middle).max()) > 1e-9
-    per_tail = {fitted.frame.tails[a]: row.tolist() for a, row in zip(tails, rows, strict=True)}
-    return curve_over(
-        names, edges, middle, UNIT_OF[table.component], per_tail=per_tail if differs else None
-    )
+    per_tail = None
+    if np.abs(rows - middle).max() > 1e-9:
+        per_tail = {fitted.frame.tails[a]: row.tolist() for a, row in zip(tails, rows, strict=True)}
+    return curve_over(names, edges, middle, UNIT_OF[table.component], per_tail)
 
 
 def curve_over(
@@ -370,22 +360,20 @@ def shape_in_words(curve: CurveEntry) -> str | None:
     slope, intercept = np.polyfit(x, values, 1)
     if 1 - ((values - slope * x - intercept) ** 2).sum() / total > SIMPLE:
         return f"linear in {label}: {slope:+.3g} {curve.unit} per {unit or 'unit'}"
-    best, at = -np.inf, 0
+    shares = []
     for k in range(1, values.size):
         fit = np.r_[np.full(k, values[:k].mean()), np.full(values.size - k, values[k:].mean())]
-        share = 1 - ((values - fit) ** 2).sum() / total
-        if share > best:
-            best, at = share, k
-    if best > SIMPLE:
+        shares.append(1 - ((values - fit) ** 2).sum() / total)
+    at = 1 + int(np.argmax(shares))
+    if max(shares) > SIMPLE:
         change = values[at:].mean() - values[:at].mean()
         return f"a step of {change:+.3g} {curve.unit} at {label} {edges[at]:.4g} {unit}".rstrip()
-    peak = int(np.argmax(np.abs(values - np.median(values))))
-    near = np.abs(np.arange(values.size) - peak) <= max(1, values.size // 6)
     away = values - np.median(values)
+    peak = int(np.argmax(np.abs(away)))
+    near = np.abs(np.arange(values.size) - peak) <= max(1, values.size // 6)
     if (away[near] ** 2).sum() / (away**2).sum() > SIMPLE:
-        return (
-            f"a bump of {away[peak]:+.3g} {curve.unit} near {label} {x[peak]:.4g} {unit}".rstrip()
-        )
+        change = away[peak]
+        return f"a bump of {change:+.3g} {curve.unit} near {label} {x[peak]:.4g} {unit}".rstrip()
     return None
 
 
