@@ -1,4 +1,4 @@
-"""Kernels by hand, by round trip, and against pyproj, scipy, MetPy, IGRF and printed tables."""
+"""Kernels by hand, by round trip, and against pyproj, scipy, IGRF and printed tables."""
 
 from datetime import datetime
 
@@ -137,17 +137,6 @@ def test_printed_standard():
     np.testing.assert_allclose(temperature, [288.15, 216.65, 216.65])
 
 
-def test_metpy_agrees_below_the_tropopause():
-    calc = pytest.importorskip("metpy.calc")
-    units = pytest.importorskip("metpy.units").units
-    altitude = np.linspace(-300.0, 10900.0, 57)
-    expected = calc.height_to_pressure_std(altitude * units.m).m_as("Pa")
-    # MetPy takes 288 K at the surface, not 288.15 K: that rescales its heights by 0.05 %
-    pressure = pressure_from_altitude(altitude * (288.15 / 288.0))
-    np.testing.assert_allclose(pressure, expected, rtol=4e-5)
-    np.testing.assert_allclose(altitude_from_pressure(expected), altitude, atol=6.0)
-
-
 @given(st.floats(-4000.0, 20000.0) | st.just(np.nan))
 def test_round_trip(altitude):
     back = altitude_from_pressure(pressure_from_altitude(altitude))
@@ -270,12 +259,8 @@ def test_robust_standard_deviation():
 
 def test_hats_by_hand():
     values = np.array([-5.0, 0.0, 0.25, 1.0, 2.0, 3.0, 9.0, np.nan])
-    expected = [
-        [1, 1, 0.75, 0, 0, 0, 0, 0],
-        [0, 0, 0.25, 1, 0.5, 0, 0, 0],
-        [0, 0, 0, 0, 0.5, 1, 1, 0],
-    ]
-    np.testing.assert_array_equal(hats(values, np.array([0.0, 1.0, 3.0])), expected)
+    rows = [[1, 1, 0.75, 0, 0, 0, 0, 0], [0, 0, 0.25, 1, 0.5, 0, 0, 0], [0, 0, 0, 0, 0.5, 1, 1, 0]]
+    np.testing.assert_array_equal(hats(values, np.array([0.0, 1.0, 3.0])), rows)
 
 
 @pytest.mark.parametrize("knots", [1, 2, 3, 9])
