@@ -14,13 +14,7 @@ from airswing.compass.headings import derive_headings
 from airswing.compass.screening import audit, mark_corrected_units, screen
 from airswing.errors import InputError
 from airswing.flags import GROUND_VECTOR_SOURCE, REPORTED_HEADING_USE
-from airswing.physics.triangle import (
-    air_vector,
-    bearing,
-    vector_from_bearing,
-    wind_components,
-    wind_from_triangle,
-)
+from airswing.physics import triangle
 from airswing.vocabulary import VARIABLES
 from tests.compass.flown import wrap
 from tests.ragged import ragged
@@ -49,15 +43,15 @@ def flown(*, flights=16, fixes=9, aircraft=2, airspeed_scale=1.0, position=0.0, 
     places = (np.repeat(rng.uniform(*ends, total), fixes) for ends in ((-100, -80), (32, 46)))
     lon, lat, back_azimuth = map(np.asarray, GEOD.fwd(*places, start, (speed * seconds).ravel()))
     track = np.radians(back_azimuth + 180.0)
-    ground = vector_from_bearing(speed.ravel(), track)
-    air = air_vector(*ground, *WIND)
-    heading, airspeed = np.degrees(bearing(*air)), np.hypot(*air)
+    ground = triangle.vector_from_bearing(speed.ravel(), track)
+    air = triangle.air_vector(*ground, *WIND)
+    heading, airspeed = np.degrees(triangle.bearing(*air)), np.hypot(*air)
     epoch = np.datetime64("2009-03-14T12:00", "ns")
     since = (seconds + 86400.0 * np.arange(total)[:, np.newaxis]).ravel()
     e, n, _ = (component[0] for component in ppigrf.igrf(lon, lat, 9.0, pd.Timestamp("2009-03-20")))
     true_error = deviation(heading - np.degrees(np.arctan2(e, n)))
     unit_heading, unit_airspeed = heading + true_error, airspeed * airspeed_scale
-    wind = wind_from_triangle(*ground, unit_airspeed, np.radians(unit_heading))
+    wind = triangle.wind_from_triangle(*ground, unit_airspeed, np.radians(unit_heading))
 
     def coded(values, step, rounding=np.round):
         return values if step == 0.0 else rounding(values / step) * step
@@ -228,7 +222,7 @@ def test_headings_of_a_research_aircraft_follow_from_fixes_and_wind(real):
     names = ("WSC", "WDC", "LATC", "LONC", "GGALT", "THDG", "TASX")
     columns = (gv[name].values.astype(float) for name in names)
     speed, direction, lat, lon, height, heading, airspeed = columns
-    wind = wind_components(speed, np.radians(direction))
+    wind = triangle.wind_components(speed, np.radians(direction))
     columns = {
         "time": gv.Time.values.astype("datetime64[ns]"),
         "latitude": lat,

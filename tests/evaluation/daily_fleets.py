@@ -11,12 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from airswing.evaluation.monitoring.changes import (
-    CompassDays,
-    compass_design,
-    compass_watch,
-    without_flight_bias,
-)
+from airswing.evaluation.monitoring import changes
 from tests.compass.flown import curve
 
 
@@ -49,8 +44,8 @@ def watched(world, *, aircraft, days, seed, change=None):
     """The test of a fleet's compasses; ``change`` as for :func:`daily_sums`."""
     rows = daily_sums(world, aircraft=aircraft, days=days, seed=seed, change=change)
     order = np.lexsort((rows[1], rows[0]))
-    sums = CompassDays(*(column[order] for column in rows[:4]))
-    return compass_watch(np.array([f"N{k}" for k in range(aircraft)]), sums)
+    sums = changes.CompassDays(*(column[order] for column in rows[:4]))
+    return changes.compass_watch(np.array([f"N{k}" for k in range(aircraft)]), sums)
 
 
 def daily_sums(world, *, aircraft, days, seed, change=None):
@@ -97,7 +92,7 @@ def daily_sums(world, *, aircraft, days, seed, change=None):
         off = np.einsum("nlk,nk->nl", basis, odd[of])
         off += curve(fixed[of] + change[of, day], np.degrees(magnetic))
         speed = w.airspeed * np.ones(magnetic.size)
-        cross, along = compass_design(magnetic.ravel(), heading.ravel(), speed)
+        cross, along = changes.compass_design(magnetic.ravel(), heading.ravel(), speed)
         sine, cosine = np.sin(heading), np.cos(heading)
         y_cross = w.airspeed * np.radians(off) + error[..., 0] * cosine - error[..., 1] * sine
         y_along = error[..., 0] * sine + error[..., 1] * cosine
@@ -105,7 +100,9 @@ def daily_sums(world, *, aircraft, days, seed, change=None):
         x, error = np.stack([cross.T, along.T]).reshape(*flown, -1), y.reshape(flown)
         normal = count * np.einsum("knfli,knflj->nfij", x, x, optimize=True)
         right = count * np.einsum("knfli,knfl->nfi", x, error, optimize=True)
-        normal, right = (by_flight.sum(1) for by_flight in without_flight_bias(normal, right))
+        normal, right = (
+            by_flight.sum(1) for by_flight in changes.without_flight_bias(normal, right)
+        )
         logarithm = count * np.log(np.hypot(*y)).sum(-1)
         total = np.full(of.size, float(w.reports))
         rows.append((of, np.full(of.size, day), normal, right, total, logarithm))

@@ -8,13 +8,7 @@ import pytest
 from airswing.compass.correction import add_tables, correct, write_tables_csv
 from airswing.compass.fit.deviation import fit_deviation
 from airswing.errors import InputError
-from airswing.evaluation.monitoring.changes import (
-    add_changes,
-    change_warnings,
-    fit_by_window,
-    noted_changes,
-    watch_compasses,
-)
+from airswing.evaluation.monitoring import changes
 from airswing.evaluation.monitoring.events import (
     find_events,
     first_days_and_silences,
@@ -42,7 +36,7 @@ def days(text):
 @pytest.fixture(scope="module")
 def changed():
     ds = with_change(1, SETTING, day=35, change=CHANGE)
-    return ds, watch_compasses(ds, members=["ruc"]).changes
+    return ds, changes.watch_compasses(ds, members=["ruc"]).changes
 
 
 def test_a_change_agrees_with_the_truth_and_with_the_fits_by_month(changed):
@@ -57,7 +51,7 @@ def test_a_change_agrees_with_the_truth_and_with_the_fits_by_month(changed):
         assert error < 0.5
     assert change["curve_rms_deg"] == pytest.approx(2.0, abs=0.5)
     # the change came on 5 August: July is before it, August mostly after
-    windows = [entry for entry in fit_by_window(ds, **RUC) if entry["aircraft"] == "N001"]
+    windows = [entry for entry in changes.fit_by_window(ds, **RUC) if entry["aircraft"] == "N001"]
     for name in "ABC":
         rise = windows[1][name] - windows[0][name]
         errors = [window[f"{name}_standard_error"] for window in windows]
@@ -82,7 +76,7 @@ def test_two_changes_of_one_compass_are_both_stated():
     step = np.zeros((2, 5))
     step[0, 1] = 3.0
     ds = with_change(4, setting, day=30, until=60, change=step)
-    entries = watch_compasses(ds, members=["ruc"]).changes
+    entries = changes.watch_compasses(ds, members=["ruc"]).changes
     assert [days(step["date"]) for step in entries[0]["changes"]] == pytest.approx([30, 60], abs=2)
     assert entries[1]["changes"] == []
 
@@ -90,25 +84,25 @@ def test_two_changes_of_one_compass_are_both_stated():
 def test_a_fit_over_a_change_carries_a_warning(changed):
     ds, entries = changed
     single = fit_deviation(ds)
-    fits = add_changes(single, entries)
-    assert noted_changes(fits) == entries
+    fits = changes.add_changes(single, entries)
+    assert changes.noted_changes(fits) == entries
     with pytest.raises(InputError, match="no test of the compasses for changes"):
-        noted_changes(single)
+        changes.noted_changes(single)
     assert fits["change_count"].to_numpy().tolist() == [0, 1, 0]
     assert np.isnat(fits["change_date"].to_numpy()).tolist() == [True, False, True]
     assert fits["change_date_low"][1] <= fits["change_date"][1] <= fits["change_date_high"][1]
     assert fits["change_p_value"][1] <= 0.02 < fits["change_p_value"][0]
-    lines = change_warnings(fits)
+    lines = changes.change_warnings(fits)
     assert len(lines) == 1
     assert all(word in lines[0] for word in ("N001", "2008-08-05", "covers both states"))
-    assert change_warnings(single) == []
+    assert changes.change_warnings(single) == []
 
 
 def test_too_few_days_have_no_p_value():
     ds = fleet(1, Setting(aircraft=2, days=8))[0]
-    entries = watch_compasses(ds, members=["ruc"]).changes
+    entries = changes.watch_compasses(ds, members=["ruc"]).changes
     assert [entry["p_value"] for entry in entries] == [None, None]
-    assert np.isnan(add_changes(fit_deviation(ds), entries)["change_p_value"]).all()
+    assert np.isnan(changes.add_changes(fit_deviation(ds), entries)["change_p_value"]).all()
 
 
 @pytest.mark.parametrize(
@@ -116,7 +110,7 @@ def test_too_few_days_have_no_p_value():
 )
 def test_windows_are_those_of_the_calendar_and_state_their_reports(changed, window, firsts):
     ds, _ = changed
-    windows = fit_by_window(ds, **RUC, window=window, min_reports=1_000_000)
+    windows = changes.fit_by_window(ds, **RUC, window=window, min_reports=1_000_000)
     entries = [entry for entry in windows if entry["aircraft"] == "N001"]
     assert [entry["window"] for entry in entries] == firsts
     assert sum(entry["reports"] for entry in entries) == ds.sizes["report"] // 3

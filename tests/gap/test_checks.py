@@ -7,14 +7,7 @@ import pytest
 from tests.compass.flown import NO_ERROR, Setting, fly
 from tests.gap.toy import effect, make_frame
 
-from airswing.gap.checks import (
-    Adjustment,
-    adjusted_headings,
-    calibrate,
-    fit_placebo,
-    placebo_errors,
-    review_claims,
-)
+from airswing.gap import checks
 from airswing.gap.diagnose import diagnose
 from airswing.gap.effects import CATALOGUE
 from airswing.gap.model.sums import days_of
@@ -53,7 +46,7 @@ def drawn(archive):
 
 def check(archive, residual):
     frame, noise = archive
-    return calibrate(frame, residual, noise=noise, day=days_of(frame)[1], seed=1)
+    return checks.calibrate(frame, residual, noise=noise, day=days_of(frame)[1], seed=1)
 
 
 def test_correct_noise_is_calibrated(archive, drawn):
@@ -91,7 +84,7 @@ def deviating():
 
 def test_placebo_closes_nothing_on_held_out_flights(deviating):
     frame, noise, day = deviating
-    entry = fit_placebo(frame, frame.residual, noise=noise, day=day, fold=day % 4)
+    entry = checks.fit_placebo(frame, frame.residual, noise=noise, day=day, fold=day % 4)
     assert entry.closes_nothing
     assert entry.reduction_kt < 0.02
     assert entry.reduction_where_fitted_kt > entry.reduction_kt
@@ -105,7 +98,7 @@ def test_the_true_cause_closes_by_the_same_fit(deviating):
     columns = -(frame.airspeed[:, None] * right)[:, :, None] * cycle[:, None, :]
     white = whiten(columns, noise.order, noise.gains)
     target = whiten(frame.residual, noise.order, noise.gains)
-    _, error = placebo_errors(columns, white, target, frame.aircraft, day % 4)
+    _, error = checks.placebo_errors(columns, white, target, frame.aircraft, day % 4)
     closed = np.hypot(*frame.residual.T) - np.hypot(*(frame.residual - error).T)
     assert closed.mean() > 0.5
 
@@ -115,16 +108,8 @@ SIZE = 1200
 
 def headings(*, wrong=0.0, scale=0.0):
     """Two aircraft, one cycle of 2 degrees each; a wrong eastward model wind, airspeed factors."""
-    setting = Setting(
-        aircraft=2,
-        days=30,
-        flights_a_day=1,
-        reports_a_flight=20,
-        bias=(wrong, 0.0),
-        scale_spread=scale,
-        noise=1.0,
-        **NO_ERROR,
-    )
+    size = {"aircraft": 2, "days": 30, "flights_a_day": 1, "reports_a_flight": 20}
+    setting = Setting(bias=(wrong, 0.0), scale_spread=scale, noise=1.0, **size, **NO_ERROR)
     ds, _ = fly([[0.0, 1.8, 0.9, 0.0, 0.0]] * 2, setting, 0)
     shown = np.radians(ds["heading"])
     return ds.assign(
@@ -137,14 +122,14 @@ def headings(*, wrong=0.0, scale=0.0):
 
 def adjustment(name, *, reported=0.0, reference=0.0):
     changes = (np.broadcast_to(change, (SIZE, 2)) for change in (reported, reference))
-    return Adjustment(np.arange(SIZE), *changes, (name,))
+    return checks.Adjustment(np.arange(SIZE), *changes, (name,))
 
 
 def test_an_airspeed_factor_is_removed_exactly():
     wrong, right = headings(scale=0.02), headings()
     winds = ("eastward_wind", "northward_wind")
     change = np.stack([right[wind].values - wrong[wind].values for wind in winds], -1)
-    adjusted = adjusted_headings(wrong, adjustment("tas_scale", reported=change))
+    adjusted = checks.adjusted_headings(wrong, adjustment("tas_scale", reported=change))
     for name in ("heading", "magnetic_heading", "airspeed", "heading_error", "airspeed_error"):
         np.testing.assert_allclose(adjusted[name].values, right[name].values, atol=1e-9)
     assert (abs(wrong["airspeed"] - right["airspeed"]) > 0.5).any()
@@ -157,8 +142,8 @@ def test_fits_and_field_test_without_the_bias_of_a_reference_are_those_of_an_unb
     fit = {"shared_error": False, "min_reports": 100, "harmonics": 1, "joint": False}
     options = {"pools": {"ruc": ["ruc"]}, "reference": "ruc", "fit": fit}
     off = adjustment("reference_speed_bias", reference=[-6.0, 0.0])
-    claims = review_claims(headings(wrong=6.0), off, field_test=test, **options)
-    clean = review_claims(headings(), adjustment("time_lag"), field_test=test, **options)
+    claims = checks.review_claims(headings(wrong=6.0), off, field_test=test, **options)
+    clean = checks.review_claims(headings(), adjustment("time_lag"), field_test=test, **options)
     assert claims.taken_off == ["reference_speed_bias"]
     assert (claims.stay, claims.of) == (0, 2) and (clean.stay, clean.of) == (2, 2)
     for fit, clean_fit in zip(claims.aircraft, clean.aircraft, strict=True):

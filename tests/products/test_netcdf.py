@@ -13,13 +13,7 @@ from tests.ragged import ragged
 import airswing
 from airswing.errors import InputError
 from airswing.flags import SCREENING
-from airswing.products.netcdf import (
-    as_stored,
-    read_product,
-    require_sound,
-    write_product,
-    written_here,
-)
+from airswing.products import netcdf
 from airswing.products.ragged import aircraft_of_report, row_bounds
 from airswing.products.whole_files import Findings, json_types
 from airswing.vocabulary import lookup
@@ -32,8 +26,10 @@ def test_round_trip_with_names_units_and_provenance(tmp_path):
         "screening": np.array([0, 3, 512], dtype=np.int32),
     }
     reports = ragged(columns, [2, 1], ["007", "N412"], reading_audit={"dropped": {"duplicate": 2}})
-    path = write_product(reports, tmp_path / "a" / "headings.nc", title="t", config_json="{}")
-    back = read_product(path)
+    path = netcdf.write_product(
+        reports, tmp_path / "a" / "headings.nc", title="t", config_json="{}"
+    )
+    back = netcdf.read_product(path)
     xr.testing.assert_equal(back.drop_vars("aircraft"), reports.drop_vars("aircraft"))
     assert list(back["aircraft"].to_numpy()) == ["007", "N412"]
     assert back["latitude"].attrs["units"] == "degrees_north"
@@ -43,7 +39,7 @@ def test_round_trip_with_names_units_and_provenance(tmp_path):
     assert len(back.attrs["uuid"]) == 36
     assert [entry.name for entry in path.parent.iterdir()] == ["headings.nc"]
     with pytest.raises(KeyError, match="surprise"):
-        write_product(reports.assign(surprise=1), tmp_path / "b" / "x.nc", title="t")
+        netcdf.write_product(reports.assign(surprise=1), tmp_path / "b" / "x.nc", title="t")
     assert [entry.name for entry in tmp_path.iterdir()] == ["a"]
 
 
@@ -51,16 +47,16 @@ def test_round_trip_with_names_units_and_provenance(tmp_path):
 def test_names_are_characters_of_one_length(tmp_path, names):
     """The HDF5 library crashes on strings of variable length (netcdf-c 2510)."""
     aircraft = xr.Dataset(coords={"aircraft": np.array(names, dtype=object)})
-    path = write_product(aircraft, tmp_path / "x.nc", title="t")
+    path = netcdf.write_product(aircraft, tmp_path / "x.nc", title="t")
     with netCDF4.Dataset(path) as file:
         assert file["aircraft"].dtype == "S1"
-    assert list(read_product(path)["aircraft"].to_numpy()) == names
+    assert list(netcdf.read_product(path)["aircraft"].to_numpy()) == names
 
 
 @pytest.mark.parametrize("times", [["2009-01-01T00:00:00.250", "NaT"], ["NaT", "NaT"]])
 def test_times_may_be_missing_one_or_all(tmp_path, times):
     ds = xr.Dataset({"time": ("report", np.array(times, "M8[ns]"))})
-    back = read_product(write_product(ds, tmp_path / "x.nc", title="t"))
+    back = netcdf.read_product(netcdf.write_product(ds, tmp_path / "x.nc", title="t"))
     xr.testing.assert_equal(back, ds)
 
 
@@ -88,7 +84,7 @@ def test_the_phase_of_flight_and_of_the_curve_are_distinguished():
 def test_a_heading_rounded_to_360_is_north():
     ds = xr.Dataset({"heading": ("report", [359.9999, 359.99, np.nan, 0.0])})
     expected = np.array([0.0, 359.990234375, np.nan, 0.0], dtype="f4")
-    np.testing.assert_array_equal(as_stored(ds)["heading"], expected)
+    np.testing.assert_array_equal(netcdf.as_stored(ds)["heading"], expected)
 
 
 def test_the_reports_of_each_aircraft():
@@ -115,15 +111,15 @@ def written(path, kind, records=7):
 
 @pytest.mark.parametrize("kind", ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA"])
 def test_a_count_of_records_that_is_not_there_is_refused(kind, tmp_path):
-    require_sound(written(tmp_path / "b.nc", kind, records=0))
+    netcdf.require_sound(written(tmp_path / "b.nc", kind, records=0))
     path = written(tmp_path / "a.nc", kind)
-    require_sound(path)
+    netcdf.require_sound(path)
     data = bytearray(path.read_bytes())
     wide = kind == "NETCDF3_64BIT_DATA"
     data[4 : 12 if wide else 8] = struct.pack(">Q" if wide else ">I", 9)
     path.write_bytes(data)
     with pytest.raises(InputError, match="9 records"):
-        require_sound(path)
+        netcdf.require_sound(path)
 
 
 @pytest.mark.parametrize(
@@ -131,12 +127,12 @@ def test_a_count_of_records_that_is_not_there_is_refused(kind, tmp_path):
 )
 def test_cut_files_are_refused_and_one_this_process_wrote_is_not_opened(tmp_path, kind, lengths):
     path = written(tmp_path / "a.nc", kind)
-    require_sound(path)
+    netcdf.require_sound(path)
     data = path.read_bytes()
     for length in lengths:
         path.write_bytes(data[:length])
         with pytest.raises(InputError, match="damaged"):
-            require_sound(path)
+            netcdf.require_sound(path)
     if kind == "NETCDF4":
-        written_here(path)
-        require_sound(path)
+        netcdf.written_here(path)
+        netcdf.require_sound(path)

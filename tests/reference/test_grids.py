@@ -6,30 +6,18 @@ import eccodes
 import numpy as np
 import pytest
 
+from airswing.reference import grids
 from airswing.reference.grib.grid_sections import read_grid
 from airswing.reference.grib.headers import scan_file
-from airswing.reference.grids import (
-    LONGITUDE_LATITUDE,
-    AxesGrid,
-    Frame,
-    PointsGrid,
-    rotated_frame,
-    through_points,
-)
 from tests.reference.builders import GLOBE, LAMBERT, LATLON, MERCATOR, POLAR, ROTATED, build, write
 
 SOUTH_CONE = {"Latin1InDegrees": -30.0, "Latin2InDegrees": -60.0}
 SOUTHWARD = {"latitudeOfFirstGridPointInDegrees": -30.0, "projectionCentreFlag": 128}
 UP = {"latitudeOfFirstGridPointInDegrees": 40.0, "latitudeOfLastGridPointInDegrees": 60.0}
 WEST = {"longitudeOfFirstGridPointInDegrees": 35.0, "longitudeOfLastGridPointInDegrees": 5.0}
-THIRDS = {
-    "Ni": 91,
-    "longitudeOfFirstGridPointInDegrees": -10.0,
-    "Nj": 61,
-    "longitudeOfLastGridPointInDegrees": 20.0,
-    "iDirectionIncrementInDegrees": 0.333,
-    "jDirectionIncrementInDegrees": 0.333,
-}
+THIRDS = {"Ni": 91, "longitudeOfFirstGridPointInDegrees": -10.0}
+THIRDS |= {"Nj": 61, "longitudeOfLastGridPointInDegrees": 20.0}
+THIRDS |= {f"{axis}DirectionIncrementInDegrees": 0.333 for axis in "ij"}
 SECANT = {**LAMBERT, "Latin1InDegrees": 30.0, "Latin2InDegrees": 60.0}
 ACROSS = {"LoVInDegrees": 180.0, "longitudeOfFirstGridPointInDegrees": 160.0}
 BOTH = {
@@ -114,7 +102,9 @@ def test_points_and_direction_are_those_of_eccodes(name, tmp_path):
 
 def test_convergence_of_the_published_example():
     """Latin 25, LoV 265E: -12.7 degrees at 125W, +4.4 at 84.5W, +8.5 at 75W (DOMAIN, trap 1)."""
-    frame = Frame("projected", "+proj=lcc +lat_1=25 +lat_2=25 +lat_0=25 +lon_0=265 +R=6371229")
+    frame = grids.Frame(
+        "projected", "+proj=lcc +lat_1=25 +lat_2=25 +lat_0=25 +lon_0=265 +R=6371229"
+    )
     angle = np.degrees(frame.convergence(np.full(3, 40.0), np.array([-125.0, -84.5, -75.0])))
     np.testing.assert_allclose(angle, [-12.7, 4.4, 8.5], atol=0.05)
 
@@ -163,7 +153,7 @@ def rapid_refresh(*, thousandths, last):
     """Section 3 of NCEP's template 3.32769 for the native grid of the 13 km Rapid Refresh."""
     ni, nj, step = 953, 834, 0.121813
     ends = np.array([-1.0, 1.0]) * step / 2
-    frame = rotated_frame(90.0 - 54.0, 254.0 + 180.0)
+    frame = grids.rotated_frame(90.0 - 54.0, 254.0 + 180.0)
     lat, lon = frame.places(ends * (ni - 1), ends * (nj - 1))
     section = bytearray(80)
     section[:5], section[12:14], section[14] = (80).to_bytes(4, "big") + b"\x03", b"\x80\x01", 6
@@ -209,7 +199,7 @@ def test_unknown_grids_are_refused_with_a_reason(base, keys, reason, tmp_path):
 
 def test_axes_may_run_either_way_and_need_not_be_even():
     lat = np.array([80.0, 50.0, 10.0, -5.0])
-    grid = AxesGrid(LONGITUDE_LATITUDE, np.array([170.0, 175.0, -175.0, -160.0]), lat)
+    grid = grids.AxesGrid(grids.LONGITUDE_LATITUDE, np.array([170.0, 175.0, -175.0, -160.0]), lat)
     fi, fj = grid.fractional_index([65.0, 0.0], [172.5, 180.0])
     np.testing.assert_allclose(fi, [0.5, 1.5])
     np.testing.assert_allclose(fj, [0.5, 2 + 10 / 15])
@@ -217,11 +207,13 @@ def test_axes_may_run_either_way_and_need_not_be_even():
 
 
 def test_points_grid_equals_the_projection_it_was_made_from():
-    frame = Frame("projected", "+proj=lcc +lat_1=40 +lat_2=40 +lat_0=40 +lon_0=-97 +R=6370000")
-    axes = AxesGrid(frame, np.arange(-20, 21) * 3e3, np.arange(-15, 16) * 3e3, True)
+    frame = grids.Frame(
+        "projected", "+proj=lcc +lat_1=40 +lat_2=40 +lat_0=40 +lon_0=-97 +R=6370000"
+    )
+    axes = grids.AxesGrid(frame, np.arange(-20, 21) * 3e3, np.arange(-15, 16) * 3e3, True)
     x, y = np.meshgrid(axes.x, axes.y)
     lat, lon = (coordinate.reshape(x.shape) for coordinate in frame.places(x.ravel(), y.ravel()))
-    points = PointsGrid(lat, lon, wind_along_grid=True)
+    points = grids.PointsGrid(lat, lon, wind_along_grid=True)
     rng = np.random.default_rng(0)
     where = frame.places(rng.uniform(-59e3, 59e3, 200), rng.uniform(-44e3, 44e3, 200))
     by_points, by_axes = (grid.fractional_index(*where) for grid in (points, axes))
@@ -230,7 +222,7 @@ def test_points_grid_equals_the_projection_it_was_made_from():
     assert not points.contains([35.0, 40.0], [-97.0, 83.0]).any()
     again = pickle.loads(pickle.dumps(points))
     assert again == points and hash(again) == hash(points)
-    laid = through_points(frame, lat, lon)
+    laid = grids.through_points(frame, lat, lon)
     assert laid is not None
     np.testing.assert_allclose(laid.x, axes.x, atol=1e-3)
-    assert through_points(LONGITUDE_LATITUDE, lat, lon) is None
+    assert grids.through_points(grids.LONGITUDE_LATITUDE, lat, lon) is None
