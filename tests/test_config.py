@@ -54,15 +54,9 @@ def test_defaults_are_the_documented_ones_in_si(tmp_path):
         ({"output": " "}, ["output", "names no folder"]),
         ({"references": {"m": {"files": "a", "lead": "shortest"}}}, ["'shortest'", ">= 1 h"]),
         ({"compute": {"workers": 0}}, ["compute.workers:", "greater than", "0"]),
-        (
-            {"postprocess": {"pairs": {"files": "a"}, "ratio": -1}},
-            ["ratio: Input should be greater"],
-        ),
+        ({"postprocess": {"ratio": -1}}, ["postprocess.ratio: Input should be greater"]),
         ({"reports": {"files": "a", "columns": {"str": 5}}}, ["reports.columns.str: "]),
-        (
-            {"reports": {"files": "a", "only": {"tail": ["N1", 5]}}},
-            ["only.tail: ", "only.tail.1: "],
-        ),
+        ({"reports": {"only": {"tail": ["N1", 5]}}}, ["only.tail: ", "only.tail.1: "]),
         ({"table": {"resolution": "0 deg"}}, ["table.resolution", "0"]),
         ({"collocation": {"max_time_gap": "-3 h"}}, ["max_time_gap", "greater than 0"]),
         ({"pool": {"x": ["ruc", "ruc"]}}, ["pool.x: a pool needs at least two references"]),

@@ -88,9 +88,7 @@ OTHER_UNITS = {
 @pytest.mark.parametrize(
     ("change", "tolerance"), [(tenth_of_a_minute, 0.02), (whole_units, 0.06), (otherwise, 0.01)]
 )
-def test_deviations_are_recovered_from_coarse_and_renamed_reports(
-    flown, tmp_path, change, tolerance
-):
+def test_deviations_are_recovered_from_reports_in_other_units(flown, tmp_path, change, tolerance):
     folder, table = flown
     (tmp_path / "model").symlink_to(folder / "model")
     columns = OTHER_UNITS if change is otherwise else {}

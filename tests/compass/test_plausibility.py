@@ -291,9 +291,7 @@ def test_no_false_alarm_on_real_reports(real, name):
     assert plausibility(derive_headings(reports, winds)) == []
 
 
-def test_a_run_finds_the_offsets_and_warns_of_magnetic_headings_taken_for_true(
-    tmp_path, blank_cards, monkeypatch
-):
+def test_a_run_warns_of_magnetic_headings_taken_for_true(tmp_path, blank_cards, monkeypatch):
     # no cards, no evaluation and no page: what a run says comes before them
     monkeypatch.setattr("airswing.workflow.main.make_evaluation", lambda *_: Evaluation())
     monkeypatch.setattr("airswing.report.run.page.write_page", lambda *_, **__: None)

@@ -6,6 +6,7 @@ impossible values. A failed export ends in one message and status 2, with nothin
 """
 
 import json
+import shlex
 from collections import Counter
 from datetime import datetime, timedelta
 
@@ -201,9 +202,7 @@ def test_one_report_for_every_reason_to_leave_it_out(tmp_path, to):
 
 
 @pytest.mark.parametrize("to", FORMATS)
-def test_pressure_altitude_replaces_a_missing_pressure_and_bad_temperatures_are_missing(
-    tmp_path, to
-):
+def test_pressure_altitude_replaces_missing_pressure_and_bad_temperatures_are_missing(tmp_path, to):
     temperature = [20.0, np.inf, 258.15]
     ds = corrected({"N1": 3}, pressure=[np.nan, 40000.0, 50000.0], air_temperature=temperature)
     ds["pressure_altitude"] = ("report", np.array([5574.44, 7185.4, 0.0]))
@@ -314,11 +313,9 @@ def test_windows_get_a_folder_each(tmp_path):
     assert result["files"][0]["path"].endswith("200812312230/ob.ascii")
 
 
-@pytest.mark.parametrize(
-    ("platform", "code"), [("AMDAR", "FM-42 AMDAR "), ("unknown", "FM-101 TAMDA")]
-)
-def test_the_platform_follows_the_source(tmp_path, platform, code):
-    codes = np.array([PLATFORM[platform], PLATFORM["ACARS"]], dtype=np.int8)
+@pytest.mark.parametrize(("name", "code"), [("AMDAR", "FM-42 AMDAR "), ("unknown", "FM-101 TAMDA")])
+def test_the_platform_follows_the_source(tmp_path, name, code):
+    codes = np.array([PLATFORM[name], PLATFORM["ACARS"]], dtype=np.int8)
     ds = corrected({"N1": 1, "N2": 1}).assign(platform=("aircraft", codes))
     export(ds, to="ob_ascii", path=tmp_path / "f")
     read = wrfda.read((tmp_path / "f").read_text())[0]
@@ -365,29 +362,23 @@ def files_below(folder):
 @pytest.mark.parametrize(
     ("words", "fragments"),
     [
-        (("--to", "grib", "-o", "f"), ("no such export format", "grib", "obs_domain")),
-        (("--to", "obs_domain", "-o", "f", "--winds", "best"), ("--winds", "best")),
-        (("--to", "obs_domain", "-o", "f", "--window", "soon"), ("--window", "soon")),
-        (("--to", "obs_domain", "-o", "f", "--window", "0.5 s"), ("--window", "0.5 s")),
-        (("--to", "obs_domain", "-o", "f", "--domain", "12"), ("--domain", "12")),
-        (("--to", "obs_domain", "-o", "f", "--platform", "BOAT"), ("--platform", "BOAT")),
-        (("--to", "obs_domain", "-o", "f", "--start", "noon"), ("--start", "noon")),
-        (
-            ("--to", "little_r", "-o", "f", "--start", "2020-01-01", "--end", "2020-01-02"),
-            ("no report", "before_the_period 5"),
-        ),
-        (
-            ("--to", "little_r", "-o", "f", "--start", "2020-01-02", "--end", "2020-01-01"),
-            ("end must be later",),
-        ),
-        (("--to", "obs_domain", "-o", "OBS_DOMAIN301"), ("OBS_DOMAIN301", "--domain 3")),
-        (("--to", "ob_ascii", "-o", "c.yaml"), ("c.yaml", "--overwrite")),
-        (("--to", "ob_ascii", "-o", "c.yaml/sub/f"), ("c.yaml/sub/f",)),
+        ("grib -o f", ["no such export format", "grib", "obs_domain"]),
+        ("obs_domain -o f --winds best", ["--winds", "best"]),
+        ("obs_domain -o f --window soon", ["--window", "soon"]),
+        ("obs_domain -o f --window '0.5 s'", ["--window", "0.5 s"]),
+        ("obs_domain -o f --domain 12", ["--domain", "12"]),
+        ("obs_domain -o f --platform BOAT", ["--platform", "BOAT"]),
+        ("obs_domain -o f --start noon", ["--start", "noon"]),
+        ("little_r -o f --start 2020-01-01 --end 2020-01-02", ["no report", "before_the_period 5"]),
+        ("little_r -o f --start 2020-01-02 --end 2020-01-01", ["end must be later"]),
+        ("obs_domain -o OBS_DOMAIN301", ["OBS_DOMAIN301", "--domain 3"]),
+        ("ob_ascii -o c.yaml", ["c.yaml", "--overwrite"]),
+        ("ob_ascii -o c.yaml/sub/f", ["c.yaml/sub/f"]),
     ],
 )
 def test_bad_requests(folder, words, fragments):
     before = files_below(folder)
-    status, out, err = call(*words, "--quiet")
+    status, out, err = call("--to", *shlex.split(words), "--quiet")
     assert status == 2 and out == ""
     assert err.startswith("airswing: ") and len(err) < 2000 and err.count("\n") == 1
     assert all(word in err for word in fragments), err

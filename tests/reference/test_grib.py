@@ -181,7 +181,7 @@ def test_messages_of_edition_1_above_8_mb(tmp_path):
     bits=st.integers(1, 32),
     decimal=st.integers(-4, 8),
     limits=st.tuples(*[st.floats(-149.0, 149.0, width=32, allow_subnormal=False)] * 2),
-    missing_share=st.sampled_from([0.0, 0.0, 0.1, 0.6, 0.9]),
+    gaps=st.sampled_from([0.0, 0.0, 0.1, 0.6, 0.9]),
     seed=st.integers(0, 2**32 - 1),
 )
 @example(1, 8, 2, (-13.5, -13.5), 0.0, 0)  # a constant field: no bits
@@ -189,13 +189,12 @@ def test_messages_of_edition_1_above_8_mb(tmp_path):
 @example(1, 8, 0, (-0.0, -0.0), 0.0, 0)
 @example(2, 8, 0, (-0.0, -0.0), 0.0, 0)
 @example(2, 32, 0, (1.5, 149.0), 0.0, 1)
-def test_sparse_values_equal_eccodes_bit_for_bit(
-    tmp_path_factory, edition, bits, decimal, limits, missing_share, seed
-):
+def test_sparse_values_equal_eccodes(tmp_path_factory, edition, bits, decimal, limits, gaps, seed):
+    """Bit for bit."""
     assume(decimal >= 0 or limits[0] != limits[1])  # ecCodes does not scale constants
     rng = np.random.default_rng(seed)
     values = rng.uniform(*sorted(limits), SIZE)
-    values[rng.random(SIZE) < missing_share] = np.nan
+    values[rng.random(SIZE) < gaps] = np.nan
     keys = LATLON | {"decimalScaleFactor": decimal}
     message = build(keys, values, edition=edition, bits=bits)
     path = write(tmp_path_factory.mktemp("p") / "m.grib", message)

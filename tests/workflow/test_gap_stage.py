@@ -49,9 +49,7 @@ def begin(job, frame, **options):
     return gap_stage.starting_point(job, **options)(frame)
 
 
-def test_known_effects_are_not_reported_again_and_headings_are_reused(
-    archive, collocated, tmp_path
-):
+def test_known_effects_are_not_reported_again_and_headings_reused(archive, collocated, tmp_path):
     months = sorted((collocated(tmp_path / "out") / "headings").glob("*.nc"))
     times = [path.stat().st_mtime_ns for path in months]
     file = effects_file(tmp_path / "known.yaml", IRON)
@@ -78,9 +76,7 @@ def test_known_effects_are_not_reported_again_and_headings_are_reused(
     assert all_effects[1:] == active_effects(report)
 
 
-def test_effects_missing_from_simulated_reports_are_named(
-    archive, collocated, tmp_path, no_gap_page
-):
+def test_effects_that_a_simulation_lacks_are_named(archive, collocated, tmp_path, no_gap_page):
     collocated(tmp_path / "out")
     effects = effects_file(tmp_path / "effects.yaml", SCALE)
     sent = tmp_path / "sent.csv"
@@ -95,9 +91,7 @@ def test_effects_missing_from_simulated_reports_are_named(
     assert "reports matched)" in verdict(report)
 
 
-def test_a_simulation_on_other_paths_is_compared_by_its_effects(
-    archive, frame, tmp_path, monkeypatch
-):
+def test_a_simulation_on_other_paths_counts_by_its_effects(archive, frame, tmp_path, monkeypatch):
     job, archive_frame = frame
     folder = tmp_path / "other"
     folder.mkdir()

@@ -51,9 +51,8 @@ def results(root, folder, place, aircraft, first, last):
         pytest.param(("*", "2009", "2010"), ["processes", "cluster"], marks=pytest.mark.slow),
     ],
 )
-def test_threads_processes_and_a_cluster_give_the_same_bytes(
-    address, tmp_path, root, reports, places, blank_cards, monkeypatch
-):
+@pytest.mark.usefixtures("blank_cards")
+def test_all_places_give_the_same_bytes(address, tmp_path, root, reports, places, monkeypatch):
     monkeypatch.setattr("airswing.report.run.page.write_page", lambda *_, **__: "")
     threads = results(root, tmp_path / "threads", Compute(threads=2), *reports)
     assert len([*threads.output.rglob("*")]) > 12
