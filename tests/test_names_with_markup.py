@@ -41,16 +41,11 @@ def test_pages_escape_names_and_nothing_is_written_outside_the_output_and_the_ca
     names = data / "reports/*.csv", {REFERENCE: data / "ruc/*"}
     config = configured(top, *names, **sections)
     before = files_below(top)
-    done = subprocess.run(
-        [sys.executable, "-m", "airswing", "run", str(config), "--quiet"],
-        capture_output=True,
-        text=True,
-        cwd=work,
-        timeout=600,
-        env=os.environ
-        | {"HOME": str(home), "AIRSWING_CACHE": str(top / "cache"), "TMPDIR": str(home)}
-        | {"MPLCONFIGDIR": matplotlib.get_cachedir()},  # or its list of fonts is made anew
-    )
+    places = {"HOME": str(home), "AIRSWING_CACHE": str(top / "cache"), "TMPDIR": str(home)}
+    places |= {"MPLCONFIGDIR": matplotlib.get_cachedir()}  # or its list of fonts is made anew
+    command = [sys.executable, "-m", "airswing", "run", str(config), "--quiet"]
+    options = {"env": os.environ | places, "cwd": work, "timeout": 600}
+    done = subprocess.run(command, capture_output=True, text=True, **options)
     assert done.returncode == 0, done.stderr
     pages = [path.read_text(encoding="utf-8") for path in (top / "out").rglob("*.html")]
     assert any("&lt;script&gt;alert" in page for page in pages)

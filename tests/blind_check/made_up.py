@@ -19,15 +19,13 @@ def place(variable="hour", **changes):
 
 def gap(*claims, unknown=(), closure=None):
     """The content of gap.json."""
-    stated = (
-        {"before": 7.0, "after": 6.5, "reduction_ci": [0.4, 0.6]} if closure is None else closure
-    )
+    closure = closure or {"before": 7.0, "after": 6.5, "reduction_ci": [0.4, 0.6]}
     return {
         "gap": {"mean_vector_disagreement_kt": 7.0, "noise_floor_kt": 6.5, "significance": 0.001},
         "where": [],
         "effects": list(claims),
         "unknown": {"present": bool(unknown), "where": list(unknown)},
-        "closure": stated,
+        "closure": closure,
     }
 
 

@@ -14,12 +14,8 @@ from airswing.errors import InputError
 from airswing.synthetic.sealed.labels import open_seal, seal
 
 FLEET = ["N401", "N402", "N403", "N404"]
-HARD_IRON = {
-    "name": "hard_iron",
-    "tails": ["N401", "N402"],
-    "parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0},
-    "period": None,
-}
+HARD_IRON = {"name": "hard_iron", "tails": ["N401", "N402"], "period": None}
+HARD_IRON |= {"parameters": {"amplitude_deg": 2.0, "phase_deg": 30.0}}
 
 
 def label(kind="single", effects=None, **changes):
@@ -69,11 +65,7 @@ SCORES = {
         {"first_right": False, "all_named": False, "in_set": True}
         | {"false_names": ["soft_iron"], "parameter_error": None},
     ),
-    "a claim on a null": (
-        NULL,
-        gap(claim("tas_scale")),
-        {"in_set": None, "false_names": ["tas_scale"]},
-    ),
+    "false claim": (NULL, gap(claim("tas_scale")), {"in_set": None, "false_names": ["tas_scale"]}),
     "a name that was removed": (
         label("removed", without=["hard_iron"]),
         gap(claim("compass_step")),

@@ -7,15 +7,8 @@ from tests.compass.flown import Setting, fleet_deviations, fly, wrap
 from tests.ragged import ragged
 
 ORIGIN = np.datetime64("2008-07-01")
-LASTING_ERRORS = Setting(
-    aircraft=8,
-    days=90,
-    references=2,
-    bias_spread=0.0,
-    day_error=0.3,
-    flights_a_day=3,
-    reports_a_flight=5,
-)
+SIZE = {"aircraft": 8, "days": 90, "flights_a_day": 3, "reports_a_flight": 5}
+LASTING_ERRORS = Setting(references=2, bias_spread=0.0, day_error=0.3, **SIZE)
 """Two references whose errors last for days, over eight aircraft without a bias."""
 
 

@@ -23,10 +23,8 @@ def test_independent_days_drawn_again_vary_as_their_mean_does(days):
 def test_blocks_of_days_contain_the_correlation_of_neighbours():
     """Pairs of equal days: the variance of the mean is twice that of independent days."""
     values = np.repeat(np.random.default_rng(3).normal(size=60), 2)
-    spread = [
-        (day_weights(120, draws=4000, seed=1, length=length) @ values / 120).var()
-        for length in (1, None)
-    ]
+    weights = (day_weights(120, draws=4000, seed=1, length=length) for length in (1, None))
+    spread = [(drawn @ values / 120).var() for drawn in weights]
     assert 1.5 < spread[1] / spread[0] < 2.1
 
 
@@ -44,10 +42,8 @@ def test_clustered_mean_agrees_with_a_loop_and_parts_add_up():
         assert error[g] == pytest.approx(np.sqrt(variance))
     assert np.isnan(mean[3]) and np.isnan(error[3])
     cut = int(np.searchsorted(flight, 9))
-    parts = [
-        cluster_sums(value[rows], group[rows], flight[rows], 4)
-        for rows in (slice(cut), slice(cut, None))
-    ]
+    halves = slice(cut), slice(cut, None)
+    parts = [cluster_sums(value[rows], group[rows], flight[rows], 4) for rows in halves]
     np.testing.assert_allclose(parts[0] + parts[1], sums, rtol=1e-12)
 
 

@@ -152,15 +152,13 @@ def test_one_degree_at_250_knots_is_4_36_knots_across(perfect):
     assert (across, along) == pytest.approx((0.0, -1.0))
 
 
-@pytest.mark.parametrize(
-    ("field", "one_cycle"), [(19369.0, 3.0), (16494.0, 3.523), (24717.0, 2.351)]
-)
-def test_phase_convention_and_growth_of_hard_iron_in_a_weaker_field(perfect, field, one_cycle):
+@pytest.mark.parametrize(("field", "iron"), [(19369.0, 3.0), (16494.0, 3.523), (24717.0, 2.351)])
+def test_phase_convention_and_growth_of_hard_iron_in_a_weaker_field(perfect, field, iron):
     m = np.radians([0.0, 60.0, 135.0])
     frame = perfect.take(slice(0, 3))
     frame = replace(frame, magnetic_heading=m, horizontal_field=np.full(3, field))
     at_field = {"at_horizontal_field_nT": 19369.0}
-    for name, cycles, amplitude in (("hard_iron", 1, one_cycle), ("soft_iron", 2, 3.0)):
+    for name, cycles, amplitude in (("hard_iron", 1, iron), ("soft_iron", 2, 3.0)):
         effect, values = CATALOGUE[name], {"amplitude_deg": 3.0, "phase_deg": 30.0}
         values |= at_field if name == "hard_iron" else {}
         error = effect.from_parameters(values, frame) @ effect.basis(frame)
@@ -395,13 +393,8 @@ def test_table_of_two_variables_and_an_unknown_value(toy):
     ],
 )
 def test_flying_north_at_100_in_a_westerly_of_20(component, change):
-    vector = change_of(
-        component,
-        heading=np.zeros(1),
-        airspeed=np.full(1, 100.0),
-        u=np.full(1, 20.0),
-        v=np.zeros(1),
-    )
+    flight = {"heading": np.zeros(1), "airspeed": np.full(1, 100.0)}
+    vector = change_of(component, u=np.full(1, 20.0), v=np.zeros(1), **flight)
     np.testing.assert_allclose(vector[0], change, atol=1e-12)
 
 

@@ -9,11 +9,7 @@ from tests.gap.toy import make_frame
 
 from airswing.gap.archive.reported_variables import record
 from airswing.gap.design import exogenous
-from airswing.gap.distribution.gross_errors import (
-    gross_by_variable,
-    outliers,
-    reduction_of_gross,
-)
+from airswing.gap.distribution.gross_errors import gross_by_variable, outliers, reduction_of_gross
 from airswing.gap.noise import (
     direction_factors,
     fit_noise,
@@ -205,9 +201,7 @@ def with_gross_errors(archive, aircraft, share, size=20.0, where=True):
     return frame, replace(noise, gross=gross_errors(frame.residual, noise.order))
 
 
-@pytest.mark.parametrize(
-    ("aircraft", "share"), [([2], 0.01), ([1, 4, 5], 0.03), (list(range(8)), 0.01)]
-)
+@pytest.mark.parametrize(("aircraft", "share"), [([2], 0.01), ([1, 4, 5], 0.03), (range(8), 0.01)])
 def test_share_of_gross_errors_and_aircraft(archive, aircraft, share):
     frame, noise = with_gross_errors(archive, aircraft, share)
     entry = outliers(frame, frame.residual, noise)

@@ -342,9 +342,8 @@ def in_two_places(longitudes, latitudes):
 def test_neighbouring_narrow_boxes_have_different_names():
     winds = in_two_places((179.02, 179.13), (42.0, 42.0))
     result = flight_level_pairs(*winds, ["ruc"], region=0.11, fewest=6)
-    assert result["station"].values.tolist() == [
-        f"0450_hPa_41.965N_{east}E" for east in ("179.025", "179.135")
-    ]
+    names = [f"0450_hPa_41.965N_{east}E" for east in (179.025, 179.135)]
+    assert result["station"].values.tolist() == names
 
 
 def test_boxes_by_hand():

@@ -79,12 +79,8 @@ def write_errors(folder, aircraft, table=None, edges=EDGES, phases=PHASES):
             "layer_bottom_pressure": ("layer", edges[:-1]),
             "layer_top_pressure": ("layer", edges[1:]),
         },
-        coords={
-            "flight_phase": list(phases),
-            "state": ["reported", "corrected"],
-            "aircraft": list(aircraft),
-        },
-    )
+        coords={"flight_phase": list(phases), "aircraft": list(aircraft)},
+    ).assign_coords(state=["reported", "corrected"])
     order = {"layer": slice(None, None, -1), "flight_phase": [1, 0, *range(2, len(phases))]}
     shuffled = ds.transpose("layer", ...).isel(order)
     (folder / "observation_errors.nc").unlink(missing_ok=True)
@@ -298,12 +294,9 @@ def test_every_export_gives_an_aircraft_the_same_error(tmp_path, aircraft_error,
     assert dict(zip(LEVELS, by_type, strict=False))[550] == pytest.approx(layer, abs=0.006)
 
 
-KNOWN = np.array(
-    [
-        [[2.5, 2.0, 1.8], [2.0, 1.6, 1.9], [3.0, 2.4, 2.2]],
-        [[1.4, 1.1, 0.9], [1.5, 1.2, 0.95], [1.0, 0.8, 0.7]],
-    ]
-)
+REPORTED = [[2.5, 2.0, 1.8], [2.0, 1.6, 1.9], [3.0, 2.4, 2.2]]
+CORRECTED = [[1.4, 1.1, 0.9], [1.5, 1.2, 0.95], [1.0, 0.8, 0.7]]
+KNOWN = np.array([REPORTED, CORRECTED])
 """m/s by state (reported, corrected), phase (all, cruise, descent) and three layers."""
 BY_AIRCRAFT = {"N1": (np.nan, np.nan), "N2": (6.0, 1.3), "N3": (1.0, 0.0), "N9": (9.0, 9.0)}
 

@@ -27,19 +27,16 @@ SOUTHWARD = {"jScansPositively": 0}
 METRES = {"DxInMetres": 81271, "DyInMetres": 81271}
 PARALLELS = {"LoVInDegrees": 265.0, "Latin1InDegrees": 25.0, "Latin2InDegrees": 25.0}
 LAMBERT = grid_keys("lambert", (31, 21), (240.0, 22.5), **PARALLELS, **METRES, uvRelativeToGrid=1)
-LATLON = grid_keys(
-    "regular_ll", (16, 11), (5.0, 60.0), (35.0, 40.0), **SOUTHWARD, uvRelativeToGrid=0
-)
+LATLON = grid_keys("regular_ll", (16, 11), (5.0, 60.0), (35.0, 40.0), **SOUTHWARD)
+LATLON |= {"uvRelativeToGrid": 0}
 SIZE = LATLON["Ni"] * LATLON["Nj"]
 GLOBE = grid_keys("regular_ll", (36, 19), (0.0, 90.0), (350.0, -90.0), **SOUTHWARD)
 POLE = {"latitudeOfSouthernPoleInDegrees": -35.0, "longitudeOfSouthernPoleInDegrees": 15.0}
 ROTATED = grid_keys("rotated_ll", (16, 11), (-10.0, 10.0), (20.0, -10.0), **SOUTHWARD, **POLE)
 ROTATED |= {"angleOfRotationInDegrees": 0.0, "uvRelativeToGrid": 1}
-POLAR = grid_keys(
-    "polar_stereographic", (25, 19), (230.0, 30.0), orientationOfTheGridInDegrees=255.0
-)
+POLAR = grid_keys("polar_stereographic", (25, 19), (230.0, 30.0))
 POLAR |= {"DxInMetres": 190500, "DyInMetres": 190500, "projectionCentreFlag": 0}
-POLAR |= {"resolutionAndComponentFlags": 8}
+POLAR |= {"resolutionAndComponentFlags": 8, "orientationOfTheGridInDegrees": 255.0}
 MERCATOR = grid_keys("mercator", (21, 15), (175.0, 10.0), (205.0, 32.0), LaDInDegrees=20.0)
 MERCATOR |= {"DiInMetres": 160000, "DjInMetres": 160000, "uvRelativeToGrid": 1}
 _EDITION_1 = {

@@ -65,11 +65,8 @@ def test_the_verdict_has_a_line_for_every_finding():
     assert "amplitude 3.9 ± 0.4°" in second and "closes 1.20 kt (1.00 to 1.40)" in second
     parts = ("N403, N404 and N405", "closes 3.30 kt (3.00 to 3.60)", "TAS scale (22 % of")
     assert all(text in third for text in parts)
-    for last, text in (
-        (None, "from 2009-07-18, "),
-        ("2009-07-28", "from 2009-07-18 to 2009-07-28"),
-    ):
-        assert text in verdict(content(iron("N401", period=["2009-07-18", last])))
+    for end, text in ((None, "from 2009-07-18, "), ("2009-07-28", "from 2009-07-18 to 2009-07-28")):
+        assert text in verdict(content(iron("N401", period=["2009-07-18", end])))
     swap = effect("tail_swap", "N1", "N2", parameters={"pair": ["N1", "N2"]})
     assert verdict(content(swap)).endswith("Tail swap on N1 and N2: probability 0.99.")
 
@@ -192,7 +189,7 @@ TABLE = {
 
 BY_AIRCRAFT = {"labels": ["N403"], "m_s": [0.4]}
 BY_TEMPERATURE = place()["curve"]
-BY_DIRECTION = {"labels": [str(10 * k) for k in range(36)], "m_s": [5.0] * 36, "unit": "percent"}
+BY_WIND = {"labels": [str(10 * k) for k in range(36)], "m_s": [5.0] * 36, "unit": "percent"}
 
 
 @pytest.mark.parametrize(
@@ -202,10 +199,7 @@ BY_DIRECTION = {"labels": [str(10 * k) for k in range(36)], "m_s": [5.0] * 36, "
         ({"component": "scatter", "curve": BY_TEMPERATURE}, "root mean square (kt)"),
         ({"component": "scatter", "curve": BY_AIRCRAFT}, "root mean square (kt)"),
         ({"component": "reported_time", "curve": BY_AIRCRAFT}, "mean reduction (kt)"),
-        (
-            {"component": "reported_direction", "curve": BY_DIRECTION},
-            "reports above expected (percent)",
-        ),
+        ({"component": "reported_direction", "curve": BY_WIND}, "reports above expected (percent)"),
         ({"component": "reported_speed", "curve": SPEEDS}, "reported wind speed (kt)"),
         ({"variables": ["magnetic_heading", "phase"], "curve": TABLE}, "phase"),
     ],

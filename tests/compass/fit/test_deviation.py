@@ -272,9 +272,7 @@ def test_winds_that_contradict_the_reference_have_no_table(kind):
 
 
 FLEET = Setting(aircraft=10, days=40, flights_a_day=4)
-ONE_HOUR = Setting(
-    aircraft=30, days=1, flights_a_day=1, reports_a_flight=300, legs=1, bias=(0.2, 0.1)
-)
+HOUR = Setting(aircraft=30, days=1, flights_a_day=1, reports_a_flight=300, legs=1, bias=(0.2, 0.1))
 
 
 def on_one_octant(setting, seed, aircraft):
@@ -297,7 +295,7 @@ def on_one_octant(setting, seed, aircraft):
         pytest.param(FLEET, range(6, 10), 20, 0.90, 0.995, id="with_curves"),
         # without: airspeed sensors' errors are taken for the reference's, the interval is wide
         pytest.param(FLEET, range(10), 8, 0.95, 1.0, id="no_curve_in_the_fleet"),
-        pytest.param(ONE_HOUR, range(30), 12, 0.90, 1.0, id="one_flight_each"),
+        pytest.param(HOUR, range(30), 12, 0.90, 1.0, id="one_flight_each"),
     ],
 )
 def test_intervals_hold_the_truth(setting, aircraft, seeds, least, most):

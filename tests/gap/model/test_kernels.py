@@ -56,9 +56,7 @@ def test_evidence_of_one_aircraft_of_the_fleet_and_of_what_lasts_in_the_referenc
 
 
 @pytest.mark.parametrize(("shared", "low", "high"), [(0.0, 1.0, 1.3), (1.0, 10.0, 40.0)])
-def test_the_noise_factor_is_one_for_independent_errors_and_large_for_errors_of_days(
-    shared, low, high
-):
+def test_the_noise_factor_is_one_unless_errors_last_for_a_day(shared, low, high):
     """A little above one, as the larger of blocks of one and of four days."""
     rng = np.random.default_rng(3)
     factors = []
@@ -70,9 +68,7 @@ def test_the_noise_factor_is_one_for_independent_errors_and_large_for_errors_of_
     assert low < np.mean(factors) < high
 
 
-@pytest.mark.parametrize(
-    ("change", "low", "high"), [(0.0, 0.2, 0.3), (3.0, 0.2, 0.3), (0.5, 0.2, 0.4)]
-)
+@pytest.mark.parametrize(("change", "low", "high"), [(0, 0.2, 0.3), (3, 0.2, 0.3), (0.5, 0.2, 0.4)])
 def test_a_change_of_the_mean_on_a_day_is_no_variance_of_the_days(change, low, high):
     rng = np.random.default_rng(5)
     variances = []
@@ -122,11 +118,8 @@ def test_a_name_in_two_scopes_is_one_claim_and_a_dated_one_another():
 
 
 def curve(values, name="temperature"):
-    edges = np.linspace(-60.0, 20.0, len(values) + 1)
-    values = [float(x) for x in values]
-    return CurveEntry(
-        [""] * len(values), values, "degree", [name], ["degC"], [[float(x) for x in edges]], values
-    )
+    edges, values = np.linspace(-60.0, 20.0, len(values) + 1).tolist(), values.tolist()
+    return CurveEntry([""] * len(values), values, "degree", [name], ["degC"], [edges], values)
 
 
 def test_shapes_in_words():

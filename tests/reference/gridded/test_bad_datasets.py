@@ -44,10 +44,7 @@ CASES = {
         changed(projected("lambert"), "crs", grid_mapping_name="my_projection"),
         "projection not known.*my_projection",
     ),
-    "one along, one true": (
-        changed(projected("lambert"), "va", **TRUE),
-        "one component points along the grid",
-    ),
+    "mixed": (changed(projected("lambert"), "va", **TRUE), "one component points along the grid"),
     "two of one kind": (base().assign(u2=base().u), "two candidates for u"),
     "two level axes": (
         base().rename(level="tier").expand_dims(layer=[1.0, 2.0]).drop_vars("tier"),

@@ -13,9 +13,8 @@ from tests.reference.gridded.datasets import HOUR, START, latlon, points, projec
 
 LAT, LON = np.array([45.3, 50.1, 55.7]), np.array([3.3, 8.8, 12.1])
 P = np.array([33000.0, 52000.0, 81000.0])
-EXPECTED = np.array(
-    [LON - 0.5 * LAT + 3 * np.log(P / 100), -LON + 0.25 * LAT - 2 * np.log(P / 100)]
-)
+LNP = np.log(P / 100)
+EXPECTED = np.array([LON - 0.5 * LAT + 3 * LNP, -LON + 0.25 * LAT - 2 * LNP])
 PER_HOUR = 7.0  # m/s, change of u and v
 NORTH = {"units": "degrees_north"}
 

@@ -14,10 +14,8 @@ RNG = np.random.default_rng(5)
 def test_wrf_pythons_own_winds_and_pressure(real):
     """wrf-python's ua, va turned (uvmet) and pressure, at the grid points of its file."""
     path = real("models/wrfpython_ci_test_file.nc")
-    with (
-        xr.open_dataset(path) as raw,
-        xr.open_dataset(real("models/wrfpython_ci_result_file.nc")) as answers,
-    ):
+    result = real("models/wrfpython_ci_result_file.nc")
+    with xr.open_dataset(path) as raw, xr.open_dataset(result) as answers:
         same = [n for n in range(4) if np.array_equal(raw.XLAT.values[n], answers.lat.values)]
         text = b"".join(np.atleast_1d(raw.Times.values[same[0]]).tolist()).decode()
         k, j, i = RNG.integers((1, 1, 1), (13, 47, 47), (800, 3)).T

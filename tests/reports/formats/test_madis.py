@@ -129,14 +129,13 @@ def test_letters_of_descriptors_and_errors(tmp_path, letters, temperature, wind,
 
 
 def test_true_airspeed_where_present_and_fill_values(tmp_path):
-    ds = read_reports(
-        write_madis(
-            tmp_path / "a.nc",
-            trueAirSpeed=np.array([120, 121, 99999, 123], "f4"),
-            windSpeed=np.array([20, 99999, 20, 20], "f4"),
-            timeObs=np.array([1231156800.0, 1231156860.0, 1231156920.0, 0.0]),
-        )
+    path = write_madis(
+        tmp_path / "a.nc",
+        trueAirSpeed=np.array([120, 121, 99999, 123], "f4"),
+        windSpeed=np.array([20, 99999, 20, 20], "f4"),
+        timeObs=np.array([1231156800.0, 1231156860.0, 1231156920.0, 0.0]),
     )
+    ds = read_reports(path)
     np.testing.assert_array_equal(ds["reported_airspeed"], np.array([120, 121, np.nan]))
     assert np.isnan(ds["eastward_wind"][1])
     assert audit_of(ds)["dropped"] == {"missing_time": 1}
