@@ -206,6 +206,18 @@ def test_one_effect_is_named_sized_and_dated(monkeypatch, name, aircraft, day, v
         assert abs(np.datetime64(entry.period[0]) - (START + day)) <= np.timedelta64(1, "D")
 
 
+@pytest.mark.usefixtures("few_variables")
+def test_every_name_competes_by_its_best_form():
+    # by the screen the step has a cycle as well, which a drift of two coefficients exceeds
+    frame = archive(effect("compass_step", [2], 6, offset_deg=1.5), seed=7, days=14)
+    catalogue = SMALL | {"compass_drift": CATALOGUE["compass_drift"]}
+    report = diagnose(frame, catalogue=catalogue).report
+    (entry,) = report.effects
+    assert (entry.name, entry.tails) == ("compass_step", [frame.tails[2]])
+    assert entry.parameters["offset_deg"] == pytest.approx(1.5, abs=0.1)
+    assert not report.unknown.where
+
+
 def test_an_offset_of_the_references_time_hides_no_other_effect(quiet):
     offset = effect("compass_offset", [2], offset_deg=0.6)
     frame = archive(effect("reference_time_offset", offset_h=1.0), offset)

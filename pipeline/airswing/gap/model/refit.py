@@ -211,7 +211,8 @@ def refit(frame: Frame, model: Model, sensor: Sequence[bool]) -> Refit:
 def _choose_columns(fit: Refit, model: Model) -> None:
     """Subtract tables of the wind at the large-scale wind where that leaves less disagreement.
 
-    The reported wind has noise, and a large error of its own.
+    The reported wind has noise, and the error itself where that is large. The physics of a name
+    says at which wind it acts.
     """
     response, frame = fit.response, fit.response.frame
     every = range(len(model.terms))
