@@ -127,9 +127,9 @@ def monitored(events, reported_before=0, sizes=(0.0, 3.0)):
 
 def test_new_events_come_first_and_names_are_escaped(tmp_path):
     content = monitored(EVENTS, reported_before=1)
-    lead = monitoring_section(content).lead
-    assert lead.startswith("New up to 2009-03-20: disagreement rose (1), silent (1).")
-    assert lead.endswith("Another table is needed for N1.")
+    first, second = monitoring_section(content).lead.split(". ")
+    assert first == "New events up to 2009-03-20: disagreement rose (all aircraft), silent (N<2>)"
+    assert second == "Another table is needed for N1."
     text = write_monitoring_page(tmp_path / "monitoring.html", content).read_text()
     assert "by 2.0 degrees rms, offset +2.0 ± 4.0" in text and "1.62 ± 0.20 times the" in text
     assert "no report for 6 days; up to 5 is usual" in text

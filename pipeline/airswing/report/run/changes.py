@@ -138,9 +138,12 @@ def monitoring_section(monitoring: Monitoring) -> html.Section:
 
 
 def _new_events(monitoring: Monitoring) -> str:
-    new = [event.kind for event in monitoring.new_events]
-    counts = [f"{words} ({new.count(kind)})" for kind, words in WORDS.items() if kind in new]
-    text = f"New up to {monitoring.until}: {', '.join(counts)}." if new else "No new event."
+    named = {
+        words: [e.aircraft or "all aircraft" for e in monitoring.new_events if e.kind == kind]
+        for kind, words in WORDS.items()
+    }
+    new = [f"{words} ({html.joined(names, most=8)})" for words, names in named.items() if names]
+    text = f"New events up to {monitoring.until}: {', '.join(new)}." if new else "No new event."
     if names := monitoring.differing:
         text += f" Another table is needed for {html.joined(names, most=8)}."
     return text
